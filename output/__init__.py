@@ -1,0 +1,1 @@
+"""A plan to a board: commands, exact firmware arithmetic, encoding, streaming, virtual boards, verification."""

@@ -1,0 +1,45 @@
+"""What is sent, in order: board commands, with marks between them that a board never sees.
+
+A program is an iterable of `Command | Mark`. The command file is its text; the streamer sends its commands and keeps its marks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from output.ebb.commands import Command
+
+
+@dataclass(frozen=True, slots=True)
+class LayerMark:
+    """The commands that follow belong to this layer."""
+
+    number: int
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class StrokeMark:
+    """The commands that follow lower the pen for, and draw, stroke `index` of the plan, until `StrokeEnd`."""
+
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class StrokeEnd:
+    """Stroke `index` is drawn; `steps` are both motors' positions there, as the board will count them."""
+
+    index: int
+    steps: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class PauseMark:
+    """Wait here, pen up, until the operator says go."""
+
+    message: str
+
+
+Mark = LayerMark | StrokeMark | StrokeEnd | PauseMark
+Program = Iterable[Command | Mark]

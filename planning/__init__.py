@@ -1,0 +1,1 @@
+"""Arithmetic only: geometry, ordering, motion. Values in, values out; no files, ports, clocks, SVG or boards."""

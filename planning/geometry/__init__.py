@@ -1,0 +1,1 @@
+"""Strokes and the geometry they share: lengths, distances, joins."""

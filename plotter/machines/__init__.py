@@ -1,0 +1,1 @@
+"""Machine and pen-lift profiles as data (TOML), one schema."""

@@ -1,0 +1,1 @@
+"""Pictures of a plan: pen-down and pen-up paths."""

@@ -1,0 +1,1 @@
+"""SVG document to Drawing: layers, strokes, colours, in page millimetres."""
