@@ -1,5 +1,13 @@
-"""Bad input, as a person meets it: one sentence with the value, the bound and the next step."""
+"""What ends a command early, as a person meets it: one sentence with the value, the bound and the next step."""
 
 
 class BadInput(Exception):
     """The drawing, a flag or a settings file cannot be used as given."""
+
+
+class Paused(Exception):
+    """The plot waits for the operator; `plotter resume` goes on with it."""
+
+
+class Interrupted(Exception):
+    """The operator ended the plot; the pen was raised first, or the message says that it could not be."""

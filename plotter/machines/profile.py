@@ -1,0 +1,126 @@
+"""Machine and pen-lift profiles: TOML files beside this module, read through one schema with its bounds."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from importlib import resources
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from planning.motion.limits import Kinematics
+from plotter.errors import BadInput
+
+Positive = Field(gt=0, allow_inf_nan=False)
+
+
+class _Profile(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PenLift(_Profile):
+    """A pen-lift servo as the board drives it: pulse lengths in 83.3 ns units, moved by `rate` every `period_ms`."""
+
+    title: str
+    pin: int = Field(ge=0, le=7)
+    pulse_at_0: int = Field(ge=1, le=65535)
+    pulse_at_100: int = Field(ge=1, le=65535)
+    up_percent: float = Field(ge=0, le=100)
+    down_percent: float = Field(ge=0, le=100)
+    period_ms: float = Positive
+    rate_up: int = Field(ge=1, le=65535)
+    rate_down: int = Field(ge=1, le=65535)
+    settle_up_ms: float = Field(ge=0, le=5000)
+    settle_down_ms: float = Field(ge=0, le=5000)
+
+    def pulse(self, percent: float) -> int:
+        """The pulse length for a height in percent."""
+        return round(self.pulse_at_0 + (self.pulse_at_100 - self.pulse_at_0) * percent / 100)
+
+    @property
+    def up_pulse(self) -> int:
+        return self.pulse(self.up_percent)
+
+    @property
+    def down_pulse(self) -> int:
+        return self.pulse(self.down_percent)
+
+    def lift_s(self) -> float:
+        """From the command to the pen being up: whole servo periods for the way, one more for the phase, and settling."""
+        return self._way_s(self.rate_up) + self.settle_up_ms / 1000
+
+    def lower_s(self) -> float:
+        """From the command to the pen being on the paper and quiet."""
+        return self._way_s(self.rate_down) + self.settle_down_ms / 1000
+
+    def _way_s(self, rate: int) -> float:
+        periods = math.ceil(abs(self.up_pulse - self.down_pulse) / rate) + 1
+        return periods * self.period_ms / 1000
+
+
+class Machine(_Profile):
+    """A plotter: how far it reaches, how millimetres become motor steps, and its pen lift."""
+
+    name: str
+    title: str
+    board: Literal["ebb"]
+    width_mm: float = Positive
+    height_mm: float = Positive
+    steps_per_mm: tuple[tuple[float, float], tuple[float, float]]
+    max_step_rate: float = Field(gt=0, le=25000)
+    pen_lift: str
+
+    def kinematics(self) -> Kinematics:
+        return Kinematics(np.array(self.steps_per_mm), self.max_step_rate)
+
+
+class QualityLimits(_Profile):
+    """What a quality stands for: the XY motion's bounds, pen down and (per motor) pen up."""
+
+    draw_speed_mm_s: float = Positive
+    draw_acceleration_mm_s2: float = Positive
+    draw_jerk_mm_s3: float = Positive
+    travel_speed_mm_s: float = Positive
+    travel_acceleration_mm_s2: float = Positive
+    travel_jerk_mm_s3: float = Positive
+    tolerance_mm: float = Field(ge=0.005, le=0.2)
+
+
+def machine_names() -> list[str]:
+    """The machines that come with the program, by name."""
+    files = resources.files("plotter.machines").iterdir()
+    names = (file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml"))
+    return sorted(name for name in names if name != "qualities")
+
+
+def load_machine(name: str) -> Machine:
+    """The machine profile called `name`. Raises BadInput, naming the ones there are, when there is none."""
+    if name not in machine_names():
+        raise BadInput(f"there is no machine '{name}': choose one of {', '.join(machine_names())} (see `plotter machines`)")
+    return Machine.model_validate({"name": name, **_toml(f"{name}.toml")})
+
+
+def load_pen_lift(name: str) -> PenLift:
+    """The pen-lift profile called `name`, from the machine that names it."""
+    return PenLift.model_validate(_toml(f"pen_lifts/{name}.toml"))
+
+
+def load_quality(name: str) -> QualityLimits:
+    """The limits of quality `name`. Raises BadInput when there is none of that name."""
+    qualities = _toml("qualities.toml")
+    if name not in qualities:
+        raise BadInput(f"there is no quality '{name}': choose one of {', '.join(qualities)}")
+    return QualityLimits.model_validate(qualities[name])
+
+
+def _toml(name: str) -> dict[str, object]:
+    return tomllib.loads((resources.files("plotter.machines") / name).read_text(encoding="utf-8"))
+
+
+def first_fault(error: ValidationError) -> str:
+    """A pydantic refusal in one clause: which key, what was given, what is wanted."""
+    fault = error.errors()[0]
+    key = ".".join(str(part) for part in fault["loc"]) or "settings"
+    return f"{key} = {fault['input']!r}: {fault['msg']}"

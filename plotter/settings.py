@@ -1,0 +1,153 @@
+"""Settings: one schema for flags and settings files, with its bounds, and where each value came from.
+
+A value is taken from the flag, else from the settings file, else from what the quality, the machine or its pen lift says.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import platformdirs
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from planning.motion.limits import Limits
+from plotter import units
+from plotter.errors import BadInput
+from plotter.machines.profile import Machine, PenLift, first_fault, load_machine, load_pen_lift, load_quality
+
+
+def _written(parse: Callable[[str], float]) -> BeforeValidator:
+    return BeforeValidator(lambda value: parse(value) if isinstance(value, str) else value)
+
+
+Length = Annotated[float, _written(units.length_mm)]
+Speed = Annotated[float, _written(units.speed_mm_s), Field(gt=0, le=1000, allow_inf_nan=False)]
+Acceleration = Annotated[float, _written(units.acceleration_mm_s2), Field(gt=0, le=100_000, allow_inf_nan=False)]
+Jerk = Annotated[float, _written(units.jerk_mm_s3), Field(gt=0, le=100_000_000, allow_inf_nan=False)]
+Delay = Annotated[float, _written(units.time_s), Field(ge=0, le=60, allow_inf_nan=False)]
+Percent = Annotated[float, _written(units.percent), Field(ge=0, le=100, allow_inf_nan=False)]
+Budget = Annotated[float, _written(units.time_s), Field(ge=0, le=3600, allow_inf_nan=False)]
+
+
+class Settings(BaseModel):
+    """Everything that can be set. The field's description is the flag's help; its bounds are where the value is read."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    machine: str = Field("axidraw-v3", description="Machine profile (see `plotter machines`).")
+    quality: Literal["draft", "normal", "fine"] = Field("normal", description="Set of speeds and tolerance to start from.")
+    firmware: str = Field("3.0.3", description="Board firmware to plan and export for; a connected board says its own.")
+
+    draw_speed: Speed = Field(description="Greatest speed pen down.")
+    draw_acceleration: Acceleration = Field(description="Greatest acceleration pen down.")
+    draw_jerk: Jerk = Field(description="Greatest jerk pen down.")
+    travel_speed: Speed = Field(description="Greatest speed of each motor pen up.")
+    travel_acceleration: Acceleration = Field(description="Greatest acceleration of each motor pen up.")
+    travel_jerk: Jerk = Field(description="Greatest jerk of each motor pen up.")
+    tolerance: Annotated[Length, Field(ge=0.005, le=0.2)] = Field(description="How far the pen may leave its path.")
+    constant_speed: bool = Field(False, description="As even a speed on paper as the limits allow.")
+
+    pen_up: Percent = Field(description="Pen height when up.")
+    pen_down: Percent = Field(description="Pen height when down.")
+    lift_time: Delay = Field(description="Time to wait for the pen to rise.")
+    lower_time: Delay = Field(description="Time to wait for the pen to reach the paper.")
+    dot_dwell: Delay = Field(0.05, description="How long the pen rests on a dot.")
+
+    order: Literal["none", "greedy", "best"] = Field("best", description="How strokes are put in order.")
+    order_time: Budget = Field(10.0, description="Time that `best` may take.")
+    join: Annotated[Length, Field(ge=0, le=10)] = Field(
+        0.1, description="Stroke ends closer than this become one stroke; 0 joins none."
+    )
+    keep_duplicates: bool = Field(False, description="Draw lines that lie on each other as often as the file has them.")
+    seed: int = Field(0, ge=0, description="Seed of the ordering's random choices.")
+
+    rotate: Literal["auto", "0", "90", "180", "270"] = Field(
+        "auto", description="Turn the page clockwise; auto turns it by 90 when it only fits so."
+    )
+    fit: bool = Field(False, description="Scale the drawing to fill the machine's travel within the margin.")
+    scale: float = Field(1.0, gt=0, le=1000, description="Scale the drawing by this factor.")
+    margin: Annotated[Length, Field(ge=0, le=500)] = Field(10.0, description="Margin that --fit leaves.")
+    offset_x: Annotated[Length, Field(ge=-5000, le=5000)] = Field(0.0, description="Move the drawing right.")
+    offset_y: Annotated[Length, Field(ge=-5000, le=5000)] = Field(0.0, description="Move the drawing down.")
+    end: Literal["home", "stay"] = Field("home", description="Where the pen goes when all is drawn.")
+
+    def machine_profile(self) -> Machine:
+        return load_machine(self.machine)
+
+    def draw_limits(self) -> Limits:
+        return Limits(self.draw_speed, self.draw_acceleration, self.draw_jerk, self.tolerance)
+
+    def travel_limits(self) -> Limits:
+        return Limits(self.travel_speed, self.travel_acceleration, self.travel_jerk, self.tolerance)
+
+    def pen_lift(self) -> PenLift:
+        """The machine's pen lift with this pen's heights."""
+        profile = load_pen_lift(self.machine_profile().pen_lift)
+        return profile.model_copy(update={"up_percent": self.pen_up, "down_percent": self.pen_down})
+
+
+@dataclass(frozen=True, slots=True)
+class ResolvedSettings:
+    """The settings in force, and for each key a few words on where its value came from."""
+
+    values: Settings
+    origin: Mapping[str, str]
+
+
+def settings_path() -> Path:
+    """Where the settings file is looked for when none is named."""
+    return platformdirs.user_config_path("plotter") / "settings.toml"
+
+
+def resolve(flags: Mapping[str, Any], file: Path | None = None) -> ResolvedSettings:
+    """Flags over the settings file over profiles. `flags` holds only what was given; `file` None means the user's own, if any.
+
+    Raises BadInput naming the key, the value and its bound; an unknown key is an error.
+    """
+    from_file = _read_file(file)
+    given = {**from_file, **flags}
+    origin = {key: "flag" if key in flags else f"settings file {file or settings_path()}" for key in given}
+    machine = load_machine(str(given.get("machine", Settings.model_fields["machine"].default)))
+    quality_name = str(given.get("quality", Settings.model_fields["quality"].default))
+    quality = load_quality(quality_name).model_dump()
+    lift = load_pen_lift(machine.pen_lift)
+    for key, value in quality.items():
+        name = key.replace("_mm_s3", "").replace("_mm_s2", "").replace("_mm_s", "").replace("_mm", "")
+        if name not in given:
+            given[name], origin[name] = value, f"quality {quality_name}"
+    for name, height in (("pen_up", lift.up_percent), ("pen_down", lift.down_percent)):
+        if name not in given:
+            given[name], origin[name] = height, f"pen lift {machine.pen_lift}"
+    given.setdefault("lift_time", 0.0)
+    given.setdefault("lower_time", 0.0)
+    values = _validated(given)
+    lift = values.pen_lift()
+    timed = {}
+    for name, seconds in (("lift_time", lift.lift_s()), ("lower_time", lift.lower_s())):
+        if name not in origin:
+            timed[name], origin[name] = seconds, f"pen lift {machine.pen_lift}"
+    values = values.model_copy(update=timed)
+    return ResolvedSettings(values, {name: origin.get(name, "default") for name in Settings.model_fields})
+
+
+def _validated(given: Mapping[str, Any]) -> Settings:
+    try:
+        return Settings.model_validate(given)
+    except ValidationError as error:
+        raise BadInput(f"settings: {first_fault(error)}; see `plotter settings --help` for what it may be") from None
+
+
+def _read_file(file: Path | None) -> dict[str, Any]:
+    path = file or settings_path()
+    if file is None and not path.exists():
+        return {}
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInput(f"cannot read the settings file {path}: {error.strerror}; give another with --settings") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInput(f"the settings file {path} is not TOML: {error}") from None
