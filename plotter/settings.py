@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import platformdirs
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from planning.motion.limits import Limits
 from plotter import units
@@ -74,6 +74,12 @@ class Settings(BaseModel):
     offset_x: Annotated[Length, Field(ge=-5000, le=5000)] = Field(0.0, description="Move the drawing right.")
     offset_y: Annotated[Length, Field(ge=-5000, le=5000)] = Field(0.0, description="Move the drawing down.")
     end: Literal["home", "stay"] = Field("home", description="Where the pen goes when all is drawn.")
+
+    @model_validator(mode="after")
+    def _up_is_above_down(self) -> Settings:
+        if self.pen_up <= self.pen_down:
+            raise ValueError(f"pen_up ({self.pen_up:g} %) must be above pen_down ({self.pen_down:g} %)")
+        return self
 
     def machine_profile(self) -> Machine:
         return load_machine(self.machine)

@@ -119,8 +119,18 @@ def _toml(name: str) -> dict[str, object]:
     return tomllib.loads((resources.files("plotter.machines") / name).read_text(encoding="utf-8"))
 
 
+_BOUNDS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
+
+
 def first_fault(error: ValidationError) -> str:
-    """A pydantic refusal in one clause: which key, what was given, what is wanted."""
+    """A pydantic refusal in one clause: which key, what was given, and what it must be."""
     fault = error.errors()[0]
     key = ".".join(str(part) for part in fault["loc"]) or "settings"
-    return f"{key} = {fault['input']!r}: {fault['msg']}"
+    if fault["type"] == "extra_forbidden":
+        return f"there is no setting '{key}'"
+    if fault["type"] == "missing":
+        return f"{key} is missing"
+    context = fault.get("ctx", {})
+    bound = next((f"must be {words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
+    reason = fault["msg"].removeprefix("Value error, ")
+    return f"{key} = {fault['input']!r} {bound or 'is refused: ' + reason}" if fault["loc"] else reason

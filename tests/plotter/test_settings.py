@@ -1,0 +1,117 @@
+"""Settings: bounds where they are read, origins, and refusals that name the value."""
+
+from pathlib import Path
+
+import pytest
+
+from plotter import units
+from plotter.errors import BadInput
+from plotter.machines.profile import load_machine, load_pen_lift, machine_names
+from plotter.settings import Settings, resolve
+
+ALMOST = 1e-12
+
+
+@pytest.mark.parametrize(
+    ("text", "millimetres"),
+    [("10mm", 10), ("1in", 25.4), ("2.5", 2.5), ("1cm", 10), ("72pt", 25.4), ("96px", 25.4), ("-3 mm", -3), (".5mm", 0.5)],
+)
+def test_lengths_carry_units(text: str, millimetres: float) -> None:
+    assert units.length_mm(text) == pytest.approx(millimetres, abs=ALMOST)
+
+
+@pytest.mark.parametrize("text", ["", "mm", "10 parsecs", "1e999", "nan", "10mm/s", "1,5mm"])
+def test_what_is_no_length_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="not a"):
+        units.length_mm(text)
+
+
+def test_speeds_and_times() -> None:
+    assert units.speed_mm_s("3in/s") == pytest.approx(76.2)
+    assert units.acceleration_mm_s2("1m/s2") == 1000
+    assert units.jerk_mm_s3("50m/s3") == 50_000
+    assert units.time_s("200ms") == pytest.approx(0.2)
+    assert units.percent("60%") == 60
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(8.44, "8.4 s"), (185, "3 min 05 s"), (3720, "1 h 02 min"), (59.96, "60.0 s")])
+def test_spoken_durations(seconds: float, text: str) -> None:
+    assert units.spoken_duration(seconds) == text
+
+
+def test_a_flag_overrides_the_file_and_the_file_the_quality(tmp_path: Path) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_text('draw_speed = "60mm/s"\ntravel_speed = 120\nquality = "draft"\n')
+    resolved = resolve({"draw_speed": "70"}, file)
+    assert resolved.values.draw_speed == 70
+    assert resolved.origin["draw_speed"] == "flag"
+    assert resolved.values.travel_speed == 120
+    assert str(file) in resolved.origin["travel_speed"]
+    assert resolved.origin["draw_jerk"] == "quality draft"
+    assert resolved.origin["seed"] == "default"
+
+
+@pytest.mark.parametrize(
+    ("flags", "part"),
+    [
+        ({"draw_speed": "5000"}, "draw_speed = '5000' must be at most 1000"),
+        ({"draw_speed": "0"}, "must be more than 0"),
+        ({"tolerance": "1mm"}, "must be at most 0.2"),
+        ({"drwa_speed": "50"}, "no setting 'drwa_speed'"),
+        ({"machine": "axidraw-v9"}, "axidraw-v9"),
+        ({"quality": "best"}, "quality 'best'"),
+        ({"pen_up": "120%"}, "pen_up"),
+        ({"pen_up": "30", "pen_down": "60"}, "pen_up"),
+        ({"draw_speed": "inf"}, "draw_speed"),
+    ],
+)
+def test_what_is_out_of_bounds_is_refused_by_name(flags: dict[str, str], part: str, tmp_path: Path) -> None:
+    empty = tmp_path / "settings.toml"
+    empty.write_text("")
+    with pytest.raises(BadInput) as refusal:
+        resolve(flags, empty)
+    assert part in str(refusal.value)
+
+
+def test_an_unknown_key_in_the_file_is_an_error(tmp_path: Path) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_text("dpi = 3\n")
+    with pytest.raises(BadInput, match="no setting 'dpi'"):
+        resolve({}, file)
+
+
+@pytest.mark.parametrize("content", [b"draw_speed = ", b"\xff\xfe\x00"])
+def test_a_file_that_is_not_toml_is_refused(content: bytes, tmp_path: Path) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_bytes(content)
+    with pytest.raises(BadInput, match="not TOML"):
+        resolve({}, file)
+
+
+def test_a_missing_settings_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="cannot read"):
+        resolve({}, tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("name", machine_names())
+def test_every_machine_profile_loads_with_its_pen_lift(name: str) -> None:
+    machine = load_machine(name)
+    lift = load_pen_lift(machine.pen_lift)
+    assert machine.kinematics().max_speed_any_direction_mm_s > 100
+    assert lift.up_pulse > lift.down_pulse
+    assert 0.05 < lift.lift_s() < 0.5
+    assert 0.05 < lift.lower_s() < 0.5
+
+
+def test_the_default_machine_is_the_axidraw_v3_and_there_are_others() -> None:
+    assert Settings.model_fields["machine"].default == "axidraw-v3"
+    assert len(machine_names()) >= 3
+
+
+def test_pen_times_follow_the_heights(tmp_path: Path) -> None:
+    empty = tmp_path / "settings.toml"
+    empty.write_text("")
+    short = resolve({"pen_up": "40", "pen_down": "30"}, empty).values
+    tall = resolve({"pen_up": "90", "pen_down": "30"}, empty).values
+    assert short.lift_time < tall.lift_time
+    assert short.lower_time < tall.lower_time
