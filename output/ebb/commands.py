@@ -9,7 +9,6 @@ firmware is right. Times are board time: ticks of 40 us, or milliseconds where t
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import cache
 from typing import ClassVar
 
 from output.errors import BadCommand
@@ -27,10 +26,15 @@ INT32_MIN = -2147483648
 STEPS_PER_MS = 25  # one step per tick of 40 us is the fastest a motor can be stepped: 25 kHz
 
 
-@cache
+_parameter_names: dict[type[Command], tuple[str, ...]] = {}
+
+
 def parameter_names(kind: type[Command]) -> tuple[str, ...]:
     """The parameters of a command in wire order."""
-    return tuple(field.name for field in fields(kind))
+    names = _parameter_names.get(kind)
+    if names is None:
+        names = _parameter_names[kind] = tuple(field.name for field in fields(kind))
+    return names
 
 
 @dataclass(frozen=True, slots=True)
