@@ -1,0 +1,87 @@
+"""What an operator can ask of a running plot: stop, pause, go on. Asking only sets a flag and wakes the loop that streams.
+
+Python's own answer to Ctrl-C, an exception out of whatever happens to be running, would lose the reply of the command in flight
+and shift every later one, so that the pen could not even be raised. Signals therefore end here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator
+
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+
+
+class StopFlag:
+    """Requests from signal handlers, other threads and buttons, read by the one loop that owns the port.
+
+    Every method may be called from a signal handler: it takes no lock and only assigns.
+    """
+
+    def __init__(self) -> None:
+        self.reason: str | None = None
+        self.signal_number: int | None = None
+        self.hurry = False
+        self.pause_reason: str | None = None
+        self._wakers: tuple[Callable[[], None], ...] = ()
+
+    def __bool__(self) -> bool:
+        return self.reason is not None
+
+    def stop(self, reason: str, signal_number: int | None = None) -> None:
+        """End the plot now. Asked twice, the second one asks for haste; the pen is raised all the same."""
+        if self.reason is None:
+            self.reason, self.signal_number = reason, signal_number
+        else:
+            self.hurry = True
+        self._wake()
+
+    def pause(self, reason: str) -> None:
+        """Hold the plot, pen up, at the next place where that can be done; `go` ends it."""
+        self.pause_reason = reason
+        self._wake()
+
+    def go(self) -> None:
+        """Go on after a pause."""
+        self.pause_reason = None
+        self._wake()
+
+    @contextlib.contextmanager
+    def waking(self, wake: Callable[[], None]) -> Iterator[None]:
+        """Calls `wake` at every request for as long as the context lasts."""
+        self._wakers = (*self._wakers, wake)
+        try:
+            yield
+        finally:
+            self._wakers = tuple(w for w in self._wakers if w is not wake)
+
+    def _wake(self) -> None:
+        for wake in self._wakers:
+            wake()
+
+
+@contextlib.contextmanager
+def signals_stop(flag: StopFlag) -> Iterator[None]:
+    """SIGINT, SIGTERM and SIGHUP ask `flag` to stop instead of ending the program; the old handlers come back afterwards.
+
+    Only the main thread may set handlers; elsewhere this does nothing, and whoever runs the thread owns the signals.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def handler(number: int, _frame: object) -> None:
+        flag.stop(f"stopped by {signal.Signals(number).name}", number)
+
+    before = {}
+    for name in _SIGNALS:
+        number = getattr(signal, name, None)
+        if number is not None:
+            before[number] = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, signal.SIG_DFL if old is None else old)

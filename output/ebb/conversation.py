@@ -1,0 +1,127 @@
+"""Commands with deadlines over one port: the protocol core, the port and the clock brought together.
+
+Every command has its own bound for its reply. Motion is never sent again: a reply that did not come may mean a command that was
+done. Clock: the host's monotonic seconds.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from output.ebb.link import Port
+from output.ebb.protocol import Event, Notice, Protocol, Refusal, Reply, Resynced, Stray, Syntax
+from output.errors import BoardRefused, LinkLost
+
+# The slowest command to parse takes the board 6 ms; the rest of this second is for a busy host and a slow USB hub.
+REPLY_TIMEOUT_S = 1.0
+_LONGEST_WAIT_S = 0.25
+
+Clock = Callable[[], float]
+
+
+@dataclass(slots=True)
+class _Due:
+    number: int
+    wire: str
+    deadline: float
+    timeout_s: float
+
+
+class Conversation:
+    """One board on one port. Not thread-safe: one loop owns it."""
+
+    def __init__(self, port: Port, clock: Clock = time.monotonic, protocol: Protocol | None = None) -> None:
+        self.port = port
+        self.clock = clock
+        self.protocol = protocol or Protocol()
+        self._due: deque[_Due] = deque()
+
+    @property
+    def pending(self) -> int:
+        """Commands sent and not answered."""
+        return len(self._due)
+
+    def send(self, wire: str, timeout_s: float = REPLY_TIMEOUT_S) -> int:
+        """Writes a command; its number comes back with its reply. Raises LinkLost."""
+        number, data = self.protocol.send(wire)
+        self._due.append(_Due(number, wire, self.clock() + timeout_s, timeout_s))
+        self.port.send(data)
+        return number
+
+    def receive(self, timeout_s: float) -> list[Event]:
+        """What the board says within `timeout_s`; returns at the first news, or early when the port is woken.
+
+        Raises LinkLost when the port is gone, or when the oldest reply is overdue and nothing is waiting to be read: bytes that
+        came while this program was held up count as in time.
+        """
+        until_due = self._due[0].deadline - self.clock() if self._due else timeout_s
+        data = self.port.receive(max(0.0, min(timeout_s, until_due, _LONGEST_WAIT_S)))
+        if not data and self._due and self.clock() >= self._due[0].deadline:
+            late = self._due[0]
+            raise LinkLost(
+                f"{self.port.name}: no answer to {late.wire!r} within {late.timeout_s:g} s, so the board hangs or a reply "
+                "was lost: check the USB cable"
+            )
+        events = self.protocol.receive(data)
+        for event in events:
+            if isinstance(event, Reply | Refusal):
+                self._settle(event.number)
+        return events
+
+    def _settle(self, number: int) -> None:
+        while self._due and self._due[0].number <= number:
+            self._due.popleft()
+
+    def wire_of(self, number: int) -> str | None:
+        """The text of an unanswered command."""
+        return next((due.wire for due in self._due if due.number == number), None)
+
+    def ask(self, wire: str, timeout_s: float = REPLY_TIMEOUT_S) -> str:
+        """Sends one command and waits for its own reply; returns the reply's data.
+
+        Raises BoardRefused when the board answers with an error, LinkLost for no answer or one that belongs to nobody.
+        """
+        number = self.send(wire, timeout_s)
+        while True:
+            for event in self.receive(timeout_s):
+                if isinstance(event, Reply) and event.number == number:
+                    return event.data
+                if not isinstance(event, Reply):
+                    raise complaint(event, wire)
+
+    def resync(self, timeout_s: float = REPLY_TIMEOUT_S) -> bool:
+        """Gives up every unanswered command and finds the place in the board's replies again, and its syntax.
+
+        False when the board does not answer in time. Raises LinkLost when the port is gone.
+        """
+        self._due.clear()
+        deadline = self.clock() + timeout_s
+        self.port.send(self.protocol.resync(secrets.randbelow(0xFFFFFFFF) + 1))
+        while (left_s := deadline - self.clock()) > 0:
+            for event in self.protocol.receive(self.port.receive(left_s)):
+                if isinstance(event, Resynced):
+                    return True
+        return False
+
+    @property
+    def syntax(self) -> Syntax:
+        return self.protocol.syntax
+
+
+def complaint(event: Event, context: str) -> BoardRefused | LinkLost:
+    """The error for something that should not have come; `context` says what was being done."""
+    if isinstance(event, Refusal):
+        return BoardRefused(f"the board refused {context}: {event.text}")
+    if isinstance(event, Notice) and event.text.startswith("Limit"):
+        return BoardRefused(f"{event.text.rstrip()}, during {context}: free the switch, then home the machine")
+    if isinstance(event, Notice):
+        return BoardRefused(f"the board restarted ({event.text}) during {context}: its position is lost, home the machine")
+    text = event.text if isinstance(event, Stray) else repr(event)
+    return LinkLost(
+        f"a reply nobody asked for, {text[:60]!r}, during {context}: replies were lost or another program uses the port; "
+        "check the cable and end the other program"
+    )

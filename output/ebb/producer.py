@@ -1,0 +1,89 @@
+"""Planning ahead of drawing: a thread that takes the program item by item, as far as a bounded buffer allows.
+
+The loop that owns the port never runs the planner; it only takes what is there. An exception of the planner travels through the
+buffer in its place and comes out of `peek` when everything before it has been taken.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable
+
+from output.ebb.commands import Command
+from output.ebb.program import Mark
+
+Item = Command | Mark
+# About a minute of ordinary drawing; bounds memory, while a slow stretch of planning finds this much in reserve.
+BUFFER_ITEMS = 4096
+_JOIN_S = 0.5
+
+
+class Producer:
+    """Runs through `program` in its own thread. `on_news` is called from that thread when an empty buffer gets something."""
+
+    def __init__(self, program: Iterable[Item], on_news: Callable[[], None], capacity: int = BUFFER_ITEMS) -> None:
+        self._program = program
+        self._on_news = on_news
+        self._capacity = capacity
+        self._items: deque[Item] = deque()
+        self._error: BaseException | None = None
+        self._ended = False
+        self._closed = False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._run, daemon=True, name="plan-ahead")
+        self._thread.start()
+
+    def peek(self) -> Item | None:
+        """The next item without taking it; None when there is none yet or no more. Raises what the program raised."""
+        with self._changed:
+            if self._items:
+                return self._items[0]
+            if self._error is not None:
+                raise self._error
+            return None
+
+    def take(self) -> None:
+        """Removes the item that `peek` showed."""
+        with self._changed:
+            self._items.popleft()
+            if len(self._items) == self._capacity // 2:
+                self._changed.notify()
+
+    @property
+    def exhausted(self) -> bool:
+        """The program has ended without error and every item has been taken."""
+        with self._changed:
+            return self._ended and not self._items and self._error is None
+
+    def close(self) -> None:
+        """Ends the thread at its next item. A planner that is busy is not waited for: the thread ends with the process."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        if self._thread is not threading.current_thread():
+            self._thread.join(_JOIN_S)
+
+    def _run(self) -> None:
+        error: BaseException | None = None
+        try:
+            for item in self._program:
+                if not self._put(item):
+                    return
+        except BaseException as caught:  # handed over to the loop, which stops the board and raises it
+            error = caught
+        with self._changed:
+            self._error, self._ended = error, True
+        self._on_news()
+
+    def _put(self, item: Item) -> bool:
+        with self._changed:
+            if len(self._items) >= self._capacity:
+                self._changed.wait_for(lambda: self._closed or len(self._items) <= self._capacity // 2)
+            if self._closed:
+                return False
+            self._items.append(item)
+            first = len(self._items) == 1
+        if first:
+            self._on_news()
+        return True

@@ -1,0 +1,99 @@
+"""Pen up and everything stopped, from any state of the conversation: the one thing that must always be sendable.
+
+Nothing here looks at an error flag, and nothing waits for the answers of commands sent before. Both commands go in one write;
+their answers are searched for in what comes, whatever else is still in the line.
+
+    firmware    stop and pen        why
+    >= 3.0.1    ES  SP,3            SP,3 raises past the queue and takes the pen-down height away until the next SC,5
+    older       ES  SP,1            ES has emptied the queue, so that the queued SP,1 runs at once
+
+A pen lift on another output (S2, brushless) passes its own commands for raising it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from output.ebb.abilities import Abilities
+from output.ebb.conversation import Conversation
+from output.errors import LinkLost
+
+DEADLINE_S = 0.5
+
+_ES_ANSWER = re.compile(r"(ES,)?[01](,-?\d+,-?\d+,-?\d+,-?\d+)?")
+
+
+@dataclass(frozen=True, slots=True)
+class StopReport:
+    """What became of a safe stop. `pen_up`: the board acknowledged the raising; `interrupted`: motion was cut off by it (None
+    when the board did not say), so that the position is counted but physically suspect; `took_s` on the host's clock."""
+
+    pen_up: bool
+    interrupted: bool | None
+    took_s: float
+    detail: str
+
+
+def stop_commands(abilities: Abilities | None, *, free_motors: bool, raise_pen: tuple[str, ...] | None = None) -> list[str]:
+    """The wire commands of a safe stop. With the firmware unknown, the forms that every firmware takes."""
+    frees = free_motors and abilities is not None and abilities.stop_frees
+    pen = raise_pen or (("SP,3",) if abilities is not None and abilities.pen_now else ("SP,1",))
+    late = ["EM,0,0"] if free_motors and not frees else []
+    return ["ES,1" if frees else "ES", *pen, *late]
+
+
+def safe_stop(
+    talk: Conversation,
+    abilities: Abilities | None,
+    *,
+    free_motors: bool = False,
+    raise_pen: tuple[str, ...] | None = None,
+    deadline_s: float = DEADLINE_S,
+) -> StopReport:
+    """Stops the motion and raises the pen; afterwards the conversation is in step again when the board answers at all.
+
+    Never raises for what the link does: a lost link is told in the report, because the error that led here matters more.
+    """
+    began = talk.clock()
+    commands = stop_commands(abilities, free_motors=free_motors, raise_pen=raise_pen)
+    try:
+        # The first CR ends a line that a failed write may have left half sent.
+        talk.port.send(("\r" + "".join(f"{command}\r" for command in commands)).encode("ascii"))
+        interrupted, answered = _await_answers(talk, commands, began + deadline_s)
+        took_s = talk.clock() - began
+        in_step = talk.resync(deadline_s)
+    except LinkLost as error:
+        return StopReport(False, None, talk.clock() - began, f"the stop could not be sent: {error}")
+    if answered:
+        return StopReport(True, interrupted, took_s, "stopped, pen up")
+    state = "but it answers again now" if in_step else "and it answers nothing"
+    return StopReport(in_step, interrupted, took_s, f"the board did not confirm the stop within {deadline_s:g} s, {state}")
+
+
+def _await_answers(talk: Conversation, commands: list[str], deadline: float) -> tuple[bool | None, bool]:
+    """Looks for the answer to ES and then for one to each later command, in either syntax."""
+    interrupted: bool | None = None
+    wanted = [command.split(",")[0] for command in commands[1:]]
+    legacy_ok_due = False
+    for text in _lines(talk, deadline):
+        if interrupted is None:
+            if _ES_ANSWER.fullmatch(text):
+                interrupted = text.removeprefix("ES,").startswith("1")
+                legacy_ok_due = not text.startswith("ES")
+        elif text == "OK" and legacy_ok_due:
+            legacy_ok_due = False
+        elif wanted and text in (wanted[0], "OK"):
+            wanted.pop(0)
+            if not wanted:
+                return interrupted, True
+    return interrupted, False
+
+
+def _lines(talk: Conversation, deadline: float) -> Iterator[str]:
+    rest = b""
+    while (left_s := deadline - talk.clock()) > 0:
+        rest += talk.port.receive(left_s)
+        *lines, rest = re.split(rb"[\r\n]+", rest[-4096:])
+        yield from (line.decode("ascii", "replace") for line in lines if line)

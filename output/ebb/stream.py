@@ -1,0 +1,377 @@
+"""Sending a program so that the pen never waits and the board never goes deaf.
+
+The loop owns the port. It sends while there is credit (flow.QueueModel) and less than LEAD_S of motion on the board, asks
+the board how far it is, and never sleeps to pace itself. Planning happens in another thread (producer). A command counts as
+executed only when the board's own count says so: sent >= acknowledged >= executed; marks take effect when executed.
+
+    feed -> send          room for its entries, few unacknowledged, lead short of LEAD_S
+    poll -> QU,6 QG       how many wait, whether one executes; button and power: read by this one poller only, QG clears them
+    receive               replies owned by position; anything unexpected ends the plot with the error that names it
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Protocol as Interface
+
+from output.ebb.abilities import Abilities
+from output.ebb.board_time import board_time_s
+from output.ebb.commands import Command
+from output.ebb.control import StopFlag
+from output.ebb.conversation import Conversation, complaint
+from output.ebb.flow import QueueModel
+from output.ebb.producer import Item, Producer
+from output.ebb.program import LayerMark, Mark, PauseMark, Program, StrokeEnd, StrokeMark
+from output.ebb.protocol import Event, Reply
+from output.errors import BadCommand, BoardRefused
+
+# Motion kept on the board: ordinary host stalls are 50 to 800 ms; more would only delay a pause and overrun after a crash.
+LEAD_S = 1.2
+# Below this lead, one unacknowledged command at a time: should it be refused, nothing after it has been started.
+_CAREFUL_LEAD_S = 0.1
+_PIPELINE = 4
+_POLL_FASTEST_S, _POLL_SLOWEST_S, _POLL_IDLE_S = 0.002, 0.05, 0.1
+_PROGRESS_EVERY_S = 0.1
+# How much longer than predicted the oldest command may take before the board is said to be stuck.
+_STUCK_MARGIN_S = 5.0
+# These change the conversation itself or drop the board off the USB; a stream cannot contain them.
+_NOT_IN_A_STREAM = ("R", "RB", "BL", "CU,10", "CU,54", "CU,1", "SN", "ES")
+
+FIFO_BIT, EXECUTING_BIT, PEN_UP_BIT, BUTTON_BIT, POWER_LOST_BIT = 0x01, 0x08, 0x10, 0x20, 0x40
+
+
+class StopRequested(Exception):
+    """The stop flag was set: leaves the loop by the same way as an error."""
+
+
+class State(Enum):
+    RUNNING = "running"
+    HOLDING = "holding"  # what is sent is being finished before a pause
+    PAUSED = "paused"
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far the plot is. `commands_sent` are on their way, `commands_executed` and all below are done by the board's count.
+
+    `stroke` is the one being drawn or travelled to, None between strokes; `board_time_s` what the executed commands took, in
+    board time; `lead_s` how much board time is queued; `stalls` how often the board ran dry, `stalled_s` for how long (host).
+    `pen_up` and `steps` are the board's own words at the last poll, None before the first.
+    """
+
+    state: State = State.RUNNING
+    commands_sent: int = 0
+    commands_executed: int = 0
+    strokes_done: int = 0
+    stroke: int | None = None
+    layer: LayerMark | None = None
+    board_time_s: float = 0.0
+    lead_s: float = 0.0
+    stalls: int = 0
+    stalled_s: float = 0.0
+    message: str = ""
+    pen_up: bool | None = None
+
+
+class Recorder(Interface):
+    """What the stream tells a journal. `sent` comes before the command goes out, `executed` after the board counted it."""
+
+    def sent(self, commands: int) -> None: ...
+    def executed(self, progress: Progress) -> None: ...
+    def stroke_done(self, mark: StrokeEnd, progress: Progress) -> None: ...
+
+
+Hold = Callable[[int], Program | None]
+
+
+@dataclass(slots=True)
+class _Sent:
+    """A command of the program on its way: its number among the queued ones (0 when immediate) and its place in the program."""
+
+    queued: int
+    index: int
+    seconds: float
+
+
+class Streamer:
+    """One run of one program. `run` returns when everything has been executed; it raises StopRequested, what the program
+    raised, BoardRefused or LinkLost. It never raises the pen itself: its caller does, on every way out.
+
+    `hold(taken)` may replace what remains of the program, `taken` items having been sent, by one that first slows down along
+    the path, lifts and holds a PauseMark; without it, or when it returns None, a pause waits for the next stroke's beginning.
+    """
+
+    def __init__(
+        self,
+        talk: Conversation,
+        abilities: Abilities,
+        depth: int,
+        program: Program,
+        *,
+        on_progress: Callable[[Progress], None],
+        stop: StopFlag,
+        journal: Recorder | None = None,
+        hold: Hold | None = None,
+        before_send: Callable[[Command], list[str]] | None = None,
+        board_speed: float = 1.0,
+    ) -> None:
+        self._talk = talk
+        self._abilities = abilities
+        self._on_progress: Callable[[Progress], None] | None = on_progress
+        self._stop = stop
+        self._journal = journal
+        self._hold = hold
+        self._before_send = before_send or (lambda _command: [])
+        self._speed = board_speed
+        self.model = QueueModel(depth, counts=abilities.counts_queue, board_speed=board_speed)
+        self.progress = Progress()
+        self._producer = Producer(program, talk.port.wake)
+        self._taken = 0
+        self._in_flight: dict[int, _Sent] = {}  # program commands by conversation number, until acknowledged
+        self._unexecuted: deque[_Sent] = deque()
+        self._marks: deque[tuple[int, Mark]] = deque()  # (number of the queued command before it, mark)
+        self._poll: dict[int, str] = {}  # questions of the poll in flight, by conversation number
+        self._answers: dict[str, str] = {}
+        self._next_poll_at = 0.0
+        self._next_progress_at = 0.0
+        self._idle = True
+        self._hold_asked = False
+        self._oldest_since = 0.0
+        self._oldest = 0
+
+    # the loop
+
+    def run(self) -> Progress:
+        """Sends, watches and waits until the last command has been executed."""
+        try:
+            while not self._finished():
+                if self._stop:
+                    raise StopRequested
+                self._follow_pause()
+                self._feed()
+                self._ask_if_due()
+                for event in self._talk.receive(self._until_next_poll_s()):
+                    self._handle(event)
+                self._report()
+            self._report(always=True)
+            return self.progress
+        finally:
+            self._producer.close()
+
+    def _finished(self) -> bool:
+        done = self._producer.exhausted and not self._in_flight and not self._poll and self.model.is_empty
+        return done and self._idle and self.progress.state is State.RUNNING and not self._marks
+
+    # sending
+
+    def _feed(self) -> None:
+        while self.progress.state is State.RUNNING and (item := self._producer.peek()) is not None:
+            if self._stop:
+                return
+            if isinstance(item, Command):
+                if not self._may_send(item):
+                    return
+                self._send(item)
+            else:
+                self._marks.append((self.model.sent, item))
+                if isinstance(item, PauseMark) or (isinstance(item, StrokeMark) and self._stop.pause_reason is not None):
+                    message = item.message if isinstance(item, PauseMark) else self._stop.pause_reason or ""
+                    self._stop.pause_reason = message
+                    self._set(state=State.HOLDING, message=message)
+            self._producer.take()
+            self._taken += 1
+        self._apply_marks()
+
+    def _may_send(self, command: Command) -> bool:
+        lead_s = self.model.lead_s(self._talk.clock())
+        if len(self._in_flight) >= (_PIPELINE if lead_s > _CAREFUL_LEAD_S else 1):
+            return False
+        if command.waits_for_idle:
+            return self.model.is_empty and self._idle and not self._in_flight
+        if not command.queued:
+            return True
+        if command.fifo_entries > self.model.depth:
+            raise BadCommand(
+                f"{command.wire()} takes {command.fifo_entries} places, but the motion queue has {self.model.depth}: it needs "
+                "firmware 3.0.1"
+            )
+        if self.model.room() < command.fifo_entries:
+            return False
+        return lead_s * self._speed < LEAD_S or self.model.sent - self.model.completed < 3
+
+    def _send(self, command: Command) -> None:
+        wire = command.wire()
+        if wire.split(",")[0] in _NOT_IN_A_STREAM or wire.startswith(tuple(f"{name}," for name in _NOT_IN_A_STREAM)):
+            raise BadCommand(f"{wire} cannot be part of a stream, because it changes how the board answers: remove it")
+        for extra in self._before_send(command):
+            self._talk.send(extra)
+        if self._journal is not None:
+            self._journal.sent(self.progress.commands_sent + 1)
+        number = self._talk.send(wire)
+        sent = _Sent(0, self.progress.commands_sent, board_time_s(command))
+        if command.queued:
+            sent.queued = self.model.on_sent(command.fifo_entries, sent.seconds)
+            self._unexecuted.append(sent)
+            self._idle = False
+            now = self._talk.clock()
+            self._next_poll_at = min(self._next_poll_at, now + self._poll_interval_s(now))
+        self._in_flight[number] = sent
+        self._set(commands_sent=self.progress.commands_sent + 1)
+
+    # asking how far the board is
+
+    def _until_next_poll_s(self) -> float:
+        return self._next_poll_at - self._talk.clock()
+
+    def _ask_if_due(self) -> None:
+        if self._poll or self._talk.clock() < self._next_poll_at:
+            return
+        self.model.on_poll_sent(self._talk.clock())
+        self._answers.clear()
+        for question in (*(("QU,6",) if self.model.counts else ()), self._abilities.status_query):
+            self._poll[self._talk.send(question)] = question
+
+    def _polled(self) -> None:
+        now = self._talk.clock()
+        waiting = int(self._answers["QU,6"].split(",")[-1]) if "QU,6" in self._answers else None
+        fifo, executing = self._status()
+        self.model.on_polled(waiting=waiting, fifo_empty=not fifo, executing=executing, now=now)
+        self._idle = self.model.is_empty
+        self._count_executed()
+        self._next_poll_at = now + self._poll_interval_s(now)
+        self._watch_for_stuck(now)
+
+    def _poll_interval_s(self, now: float) -> float:
+        """Often enough that a freed place is found long before the motion queued behind it runs out."""
+        if self._idle:
+            return _POLL_IDLE_S
+        return min(max(self.model.lead_s(now) / 8, _POLL_FASTEST_S), _POLL_SLOWEST_S)
+
+    def _status(self) -> tuple[bool, bool]:
+        """Whether commands wait and whether one executes; takes note of pen, button and power on the way."""
+        if "QM" in self._answers:
+            words = self._answers["QM"].split(",")
+            return words[-1] == "1" if len(words) > 3 else words[0] == "1", words[0] == "1"
+        bits = int(self._answers["QG"], 16)
+        self._set(pen_up=bool(bits & PEN_UP_BIT))
+        if bits & POWER_LOST_BIT and self._abilities.power_flag:
+            raise BoardRefused(
+                "the motors' power was lost during the plot, so that the machine is not where the board counts it: check the "
+                "power supply, home the machine, and resume"
+            )
+        if bits & BUTTON_BIT:
+            self._button_pressed()
+        return bool(bits & FIFO_BIT), bool(bits & EXECUTING_BIT)
+
+    def _button_pressed(self) -> None:
+        if self.progress.state is State.PAUSED:
+            self._stop.go()
+        else:
+            self._stop.pause("the board's button was pressed")
+
+    def _watch_for_stuck(self, now: float) -> None:
+        oldest = self.model.completed + 1
+        if self.model.is_empty or oldest != self._oldest:
+            self._oldest, self._oldest_since = oldest, now
+            return
+        seconds = self._unexecuted[0].seconds / self._speed if self._unexecuted else 0.0
+        if now - self._oldest_since > seconds * 1.5 + _STUCK_MARGIN_S:
+            raise BoardRefused(
+                f"the board is busy with command {self._unexecuted[0].index + 1} for {now - self._oldest_since:.1f} s, which "
+                f"should take {seconds:.1f} s: it is stuck; power it off and on"
+            )
+
+    def _count_executed(self) -> None:
+        done, board_time_s_sum, index = False, self.progress.board_time_s, self.progress.commands_executed
+        while self._unexecuted and self._unexecuted[0].queued <= self.model.completed:
+            entry = self._unexecuted.popleft()
+            board_time_s_sum += entry.seconds
+            index, done = entry.index + 1, True
+        if done:
+            self._set(board_time_s=board_time_s_sum, commands_executed=index)
+            self._apply_marks()
+            if self._journal is not None:
+                self._journal.executed(self.progress)
+
+    def _apply_marks(self) -> None:
+        """Marks whose commands before them have all been executed."""
+        while self._marks and self._marks[0][0] <= self.model.completed:
+            _, mark = self._marks.popleft()
+            if isinstance(mark, LayerMark):
+                self._set(layer=mark)
+            elif isinstance(mark, StrokeMark):
+                self._set(stroke=mark.index)
+            elif isinstance(mark, StrokeEnd):
+                self._set(stroke=None, strokes_done=self.progress.strokes_done + 1)
+                if self._journal is not None:
+                    self._journal.stroke_done(mark, self.progress)
+
+    # events
+
+    def _handle(self, event: Event) -> None:
+        if not isinstance(event, Reply):
+            raise complaint(event, self._where())
+        if (question := self._poll.pop(event.number, None)) is not None:
+            self._answers[question] = event.data
+            if not self._poll:
+                self._polled()
+            return
+        sent = self._in_flight.pop(event.number, None)
+        if sent is not None and sent.queued:
+            self.model.on_acknowledged(self._talk.clock())
+            self._set(stalls=self.model.stalls, stalled_s=self.model.stalled_s)
+        elif sent is not None and not self._unexecuted:
+            self._set(commands_executed=max(self.progress.commands_executed, sent.index + 1))
+
+    def _where(self) -> str:
+        stroke = "" if self.progress.stroke is None else f" (stroke {self.progress.stroke + 1})"
+        return f"the plot, command {self.progress.commands_executed + 1} of {self.progress.commands_sent} sent{stroke}"
+
+    # pause
+
+    def _follow_pause(self) -> None:
+        state = self.progress.state
+        if state is State.RUNNING and self._stop.pause_reason is not None:
+            if not self._hold_asked:
+                self._hold_asked = True
+                self._hold_on_path()
+        elif state is State.HOLDING and self.model.is_empty and self._idle and not self._in_flight:
+            self.model.expect_idle()
+            self._apply_marks()
+            self._set(state=State.PAUSED)
+            self._report(always=True)
+        elif state is State.PAUSED and self._stop.pause_reason is None:
+            self._hold_asked = False
+            self._set(state=State.RUNNING, message="")
+            self._report(always=True)
+
+    def _hold_on_path(self) -> None:
+        rest = None if self._hold is None else self._hold(self._taken)
+        if rest is None:
+            return
+        self._producer.close()
+        self._producer = Producer(rest, self._talk.port.wake)
+        self._taken = 0
+
+    # reporting
+
+    def _set(self, **changes: object) -> None:
+        self.progress = replace(self.progress, **changes)  # type: ignore[arg-type]
+
+    def _report(self, *, always: bool = False) -> None:
+        now = self._talk.clock()
+        if self._on_progress is None or (now < self._next_progress_at and not always):
+            return
+        self._next_progress_at = now + _PROGRESS_EVERY_S
+        self._set(lead_s=self.model.lead_s(now) * self._speed)
+        try:
+            self._on_progress(self.progress)
+        except (OSError, ValueError):
+            # Whoever looked at the progress is gone (a closed pipe, a closed terminal): the plot is not their hostage.
+            self._on_progress = None
+
+
+__all__ = ["Hold", "Item", "Progress", "Recorder", "State", "StopRequested", "Streamer"]
