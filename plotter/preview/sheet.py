@@ -1,0 +1,38 @@
+"""What a picture covers and how it is inked, whether it is made of pixels or of lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+TRAVEL_COLOR = "#e39bb0"
+TRAVEL_WIDTH_MM = 0.12
+INK_WIDTH_MM = 0.3
+PAGE_EDGE_COLOR = "#c8c8c8"
+PAGE_EDGE_WIDTH_MM = 0.15
+LEGEND_HEIGHT_MM = 8.0
+TEXT_HEIGHT_MM = 3.2
+TEXT_COLOR = "#555555"
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """Machine millimetres from `left, top` to `right, bottom`, with the machine's page inside and a legend below.
+
+    `legend` is texts, each with the colour of the swatch before it, or None.
+    """
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+    page_mm: tuple[float, float]
+    legend: tuple[tuple[str, str | None], ...]
+
+    @property
+    def width_mm(self) -> float:
+        return self.right - self.left
+
+    @property
+    def height_mm(self) -> float:
+        """With the legend."""
+        return self.bottom - self.top + LEGEND_HEIGHT_MM
