@@ -44,7 +44,7 @@ def draw_picture(
     colors: dict[int, str] = {}
     for line in seen.ink:
         colors.setdefault(line.layer, line.color)
-    legend: list[tuple[str, str | None]] = [(f"page {_mm(page_mm[0])} × {_mm(page_mm[1])} mm", None)]
+    legend: list[tuple[str, str | None]] = [(f"page {_mm(page_mm[0])} x {_mm(page_mm[1])} mm", None)]
     legend += [(seen.layers.get(number) or "pen down", color) for number, color in colors.items()]
     legend += [(f"pen down {seen.down_mm / 1000:.2f} m in {len(seen.ink)} strokes", None)]
     legend += [(f"pen up {seen.up_mm / 1000:.2f} m", TRAVEL_COLOR)]
@@ -69,7 +69,7 @@ def draw_ink(
         if len(points):
             own = colors[index] if colors and index < len(colors) else None
             seen.ink.append(Line(thin_polyline(points, TOLERANCE_MM), visible(own or PALETTE[0]), 0))
-    page = f"page {_mm(page_mm[0])} × {_mm(page_mm[1])} mm"
+    page = f"page {_mm(page_mm[0])} x {_mm(page_mm[1])} mm"
     drawn = f"ink {seen.down_mm / 1000:.2f} m in {len(seen.ink)} strokes"
     _write(path, write, seen, page_mm, None, ((page, None), (drawn, None)))
 

@@ -16,7 +16,6 @@ from plotter.preview.sheet import (
     PAGE_EDGE_COLOR,
     PAGE_EDGE_WIDTH_MM,
     TEXT_COLOR,
-    TEXT_HEIGHT_MM,
     TRAVEL_COLOR,
     TRAVEL_WIDTH_MM,
     Sheet,
@@ -104,8 +103,8 @@ def _needs_cap(points: Points) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]
 
 def _draw_legend(picture: Image.Image, sheet: Sheet, scale: float) -> None:
     draw = ImageDraw.Draw(picture)
-    size = TEXT_HEIGHT_MM * scale
-    font = ImageFont.load_default(size=max(size, 8.0))
+    size = sheet.text_height_mm * scale
+    font = ImageFont.load_default(size=max(size, 4.0))
     x, y = 5 * scale, picture.height - LEGEND_HEIGHT_MM * scale + (LEGEND_HEIGHT_MM * scale - size) / 2 - size / 3
     for text, color in sheet.legend:
         if color:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-TRAVEL_COLOR = "#e39bb0"
+TRAVEL_COLOR = "#dd8aa3"
 TRAVEL_WIDTH_MM = 0.12
 INK_WIDTH_MM = 0.3
 PAGE_EDGE_COLOR = "#c8c8c8"
@@ -36,3 +36,9 @@ class Sheet:
     def height_mm(self) -> float:
         """With the legend."""
         return self.bottom - self.top + LEGEND_HEIGHT_MM
+
+    @property
+    def text_height_mm(self) -> float:
+        """Of the legend; smaller where it would not fit, a letter being about 0.55 of its height wide."""
+        letters = sum(len(text) + 3 for text, _ in self.legend)
+        return min(TEXT_HEIGHT_MM, (self.width_mm - 10.0) / (0.55 * max(letters, 1)))

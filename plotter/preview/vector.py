@@ -14,7 +14,6 @@ from plotter.preview.sheet import (
     PAGE_EDGE_COLOR,
     PAGE_EDGE_WIDTH_MM,
     TEXT_COLOR,
-    TEXT_HEIGHT_MM,
     TRAVEL_COLOR,
     TRAVEL_WIDTH_MM,
     Sheet,
@@ -67,9 +66,9 @@ def _points(points_mm: Points) -> str:
 
 
 def _legend(sheet: Sheet) -> Iterator[str]:
-    y = sheet.bottom + (LEGEND_HEIGHT_MM - TEXT_HEIGHT_MM) / 2
+    y = sheet.bottom + (LEGEND_HEIGHT_MM - sheet.text_height_mm) / 2
     yield f'<text x="{sheet.left + 5:.3f}" y="{y:.3f}" font-family="sans-serif" '
-    yield f'font-size="{TEXT_HEIGHT_MM}" fill="{TEXT_COLOR}">'
+    yield f'font-size="{sheet.text_height_mm:.3f}" fill="{TEXT_COLOR}">'
     for text, color in sheet.legend:
         swatch = f'<tspan fill="{color}">&#9632;</tspan> ' if color else ""
         yield f"{swatch}{escape(text)} &#160; "
