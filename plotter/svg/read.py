@@ -1,0 +1,88 @@
+"""An SVG document to a Drawing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from planning.geometry.stroke import Layer, Stroke
+from plotter.errors import BadInput
+from plotter.svg.document import parse_document
+from plotter.svg.drawing import Drawing
+from plotter.svg.flatten import Polylines
+from plotter.svg.layers import FileLayer, Layering
+from plotter.svg.notes import Notes
+from plotter.svg.options import ReadOptions
+from plotter.svg.style import Cascade
+from plotter.svg.stylesheet import Stylesheet
+from plotter.svg.walk import Walk
+
+
+def read_drawing(source: Path | bytes, options: ReadOptions | None = None) -> Drawing:
+    """The strokes of an SVG or gzipped SVG file, or of its bytes, in document order and page millimetres.
+
+    Curves are flattened within `options.tolerance_mm`; `Stroke.corners` is True at ends and where the outline itself turns, False
+    where a smooth curve was flattened or segments join smoothly. Nothing outside the document is read.
+
+    Raises BadInput, with one sentence, for a document that cannot be read, is not finite or exceeds a budget.
+    """
+    options = options or ReadOptions()
+    name, data = _load(source, options)
+    notes = Notes()
+    root = parse_document(data, name, options.budgets, notes)
+    del data
+    cascade = Cascade(Stylesheet(root, _style_texts(root), notes))
+    layering = Layering(root, options.layers, notes)
+    walk = Walk(root, cascade, layering, options, notes)
+    walk.run()
+    strokes: list[list[Stroke]] = [[] for _ in layering.layers]
+    for polylines in walk.collector.finish():
+        _collect(polylines, walk, strokes)
+    layers = tuple(
+        _layer(number, layer, tuple(drawn))
+        for number, (layer, drawn) in enumerate(zip(layering.layers, strokes, strict=True), 1)
+        if drawn
+    )
+    return Drawing(walk.width_mm, walk.height_mm, layers, notes.sentences())
+
+
+def _load(source: Path | bytes, options: ReadOptions) -> tuple[str, bytes]:
+    if isinstance(source, bytes):
+        return "the drawing", source
+    limit = options.budgets.document_bytes
+    try:
+        size = source.stat().st_size
+        if size > limit:
+            raise BadInput(f"{source.name} has {size} bytes and the limit is {limit}; raise --max-bytes if it is meant")
+        with source.open("rb") as file:
+            return source.name, file.read(limit + 1)
+    except OSError as error:
+        raise BadInput(f"{source} cannot be read: {error.strerror or error}; check the path") from None
+
+
+def _style_texts(root: Any) -> list[str]:
+    tag = root.tag.rpartition("}")
+    return [
+        "".join(style.itertext())
+        for style in root.iter(f"{tag[0]}{tag[1]}style")
+        if style.get("type") in (None, "", "text/css")
+    ]
+
+
+def _layer(number: int, layer: FileLayer, strokes: tuple[Stroke, ...]) -> Layer:
+    colors = {stroke.color for stroke in strokes}
+    return Layer(number, layer.name, strokes, colors.pop() if len(colors) == 1 else None, layer.pause_before)
+
+
+def _collect(polylines: Polylines, walk: Walk, strokes: list[list[Stroke]]) -> None:
+    """Strokes of each polyline, put into their layers."""
+    shapes = walk.collector.shapes
+    offset = polylines.offset.tolist()
+    points, corner = polylines.points, polylines.corner
+    for i, (owner, dot) in enumerate(zip(polylines.path.tolist(), polylines.dot.tolist(), strict=True)):
+        shape = shapes[owner]
+        style = shape.style
+        if dot and (style.stroke is None or style.inherited.get("stroke-linecap", "butt") == "butt"):
+            continue
+        begin, end = offset[i], offset[i + 1]
+        strokes[shape.layer].append(Stroke(points[begin:end], corner[begin:end], style.color))

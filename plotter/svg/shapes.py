@@ -1,0 +1,86 @@
+"""Basic shapes as path commands (SVG 2, 10): the directions and starting points that the standard gives."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from plotter.svg.lengths import Frame, parse_length
+
+Get = Callable[[str], str | None]
+# Letters of absolute commands, and their arguments one after the other.
+Outline = tuple[bytes, list[float]]
+
+
+def rect(get: Get, frame: Frame) -> Outline | None:
+    x = parse_length(get("x"), frame, frame.width) or 0.0
+    y = parse_length(get("y"), frame, frame.height) or 0.0
+    w = parse_length(get("width"), frame, frame.width) or 0.0
+    h = parse_length(get("height"), frame, frame.height) or 0.0
+    if w <= 0 or h <= 0:
+        return None
+    rx, ry = _radii(get, frame)
+    rx, ry = min(rx, w / 2), min(ry, h / 2)
+    if rx <= 0 or ry <= 0:
+        return b"MHVHZ", [x, y, x + w, y + h, x]
+    r = [rx, ry, 0.0, 0.0, 1.0]
+    return b"MHAVAHAVAZ", [
+        *(x + rx, y, x + w - rx, *r, x + w, y + ry, y + h - ry, *r, x + w - rx, y + h),
+        *(x + rx, *r, x, y + h - ry, y + ry, *r, x + rx, y),
+    ]
+
+
+def _radii(get: Get, frame: Frame) -> tuple[float, float]:
+    """rx and ry; one that is missing, auto or negative is the other."""
+    rx = parse_length(get("rx"), frame, frame.width)
+    ry = parse_length(get("ry"), frame, frame.height)
+    rx = None if rx is not None and rx < 0 else rx
+    ry = None if ry is not None and ry < 0 else ry
+    if rx is None:
+        rx = ry
+    if ry is None:
+        ry = rx
+    return rx or 0.0, ry or 0.0
+
+
+def circle(get: Get, frame: Frame) -> Outline | None:
+    r = parse_length(get("r"), frame, frame.diagonal) or 0.0
+    return _ellipse(get, frame, r, r)
+
+
+def ellipse(get: Get, frame: Frame) -> Outline | None:
+    return _ellipse(get, frame, *_radii(get, frame))
+
+
+def _ellipse(get: Get, frame: Frame, rx: float, ry: float) -> Outline | None:
+    x = parse_length(get("cx"), frame, frame.width) or 0.0
+    y = parse_length(get("cy"), frame, frame.height) or 0.0
+    if rx <= 0 or ry <= 0:
+        return None
+    r = [rx, ry, 0.0, 0.0, 1.0]
+    return b"MAAAAZ", [x + rx, y, *r, x, y + ry, *r, x - rx, y, *r, x, y - ry, *r, x + rx, y]
+
+
+def line(get: Get, frame: Frame) -> Outline:
+    return b"ML", [
+        parse_length(get("x1"), frame, frame.width) or 0.0,
+        parse_length(get("y1"), frame, frame.height) or 0.0,
+        parse_length(get("x2"), frame, frame.width) or 0.0,
+        parse_length(get("y2"), frame, frame.height) or 0.0,
+    ]
+
+
+_NO_NUMBER = re.compile(r"[a-df-zA-DF-Z]")
+
+
+def points_as_path(text: str, *, closed: bool) -> str:
+    """A `points` list as path data; a letter in it ends it, as any error does."""
+    stray = _NO_NUMBER.search(text)
+    if stray is not None:
+        return f"M{text[: stray.start()]}#"
+    if not text.strip():
+        return ""
+    return f"M{text}Z" if closed else f"M{text}"
+
+
+SHAPES: dict[str, Callable[[Get, Frame], Outline | None]] = {"rect": rect, "circle": circle, "ellipse": ellipse, "line": line}

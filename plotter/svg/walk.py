@@ -1,0 +1,425 @@
+"""The walk through a document: every rendered shape, with its style, transform, layer and clips, in painting order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from plotter.errors import BadInput
+from plotter.svg.collector import Collector, Shape
+from plotter.svg.document import SVG, XLINK
+from plotter.svg.layers import Layering
+from plotter.svg.lengths import MM_PER_IN, Frame, NotFinite, parse_length
+from plotter.svg.matrix import IDENTITY, Matrix, is_singular, multiply, parse_transform, translation
+from plotter.svg.notes import Notes
+from plotter.svg.options import ReadOptions
+from plotter.svg.shapes import SHAPES, points_as_path
+from plotter.svg.style import GEOMETRY, Cascade, Style, root_style
+from plotter.svg.viewport import fit_view_box, parse_view_box
+
+_HREF = f"{{{XLINK}}}href"
+_CONTAINERS = frozenset(("g", "a"))
+_NEVER = frozenset(
+    [
+        "defs",
+        "symbol",
+        "clipPath",
+        "mask",
+        "marker",
+        "pattern",
+        "linearGradient",
+        "radialGradient",
+        "filter",
+        "title",
+        "desc",
+        "metadata",
+        "style",
+        "script",
+        "font",
+        "font-face",
+        "cursor",
+        "view",
+        "animate",
+        "animateTransform",
+        "animateMotion",
+        "set",
+        "solidColor",
+        "hatch",
+    ]
+)
+# Page of a drawing that says neither a size nor a viewBox, in px.
+_NO_SIZE_PX = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What an element inherits from where it stands. `matrix` maps user units to page millimetres; `level` counts nesting."""
+
+    matrix: Matrix
+    style: Style
+    frame: Frame
+    layer: int | None = None
+    clips: tuple[Any, ...] = ()
+    level: int = 0
+    uses: tuple[Any, ...] = ()
+    host: Any = None
+
+
+class Walk:
+    """Walks one document. After `run`, the outlines are with the collector and the layers with `layering`."""
+
+    def __init__(self, root: Any, cascade: Cascade, layering: Layering, options: ReadOptions, notes: Notes) -> None:
+        self.root = root
+        self.cascade = cascade
+        self.layering = layering
+        self.options = options
+        self.notes = notes
+        self.collector = Collector(options, notes, self.shape_name)
+        self.width_mm = self.height_mm = 0.0
+        self._elements: list[Any] = []
+        self._kinds: dict[Any, str] = {}
+        self._transforms: dict[str, Matrix | None] = {}
+        self._by_id: dict[str, Any] | None = None
+        self._use_count = 0
+        self._element_count = 0
+
+    # ---- page
+
+    def run(self) -> None:
+        """Raises BadInput."""
+        px_per_in = self.options.px_per_in
+        mm = MM_PER_IN / px_per_in
+        box = self._view_box(self.root)
+        outer = Frame(box[2] if box else _NO_SIZE_PX, box[3] if box else _NO_SIZE_PX, 16.0, px_per_in)
+        width, height = self._page_size(box, outer)
+        self.width_mm, self.height_mm = width * mm, height * mm
+        inner = Frame(width, height, 16.0, px_per_in)
+        style = self.cascade.style(self.root, "svg", self.root.items(), root_style(inner), inner)
+        matrix: Matrix = (mm, 0.0, 0.0, mm, 0.0, 0.0)
+        own = self._own_transform(self.root, style, inner)
+        if own is not None:
+            matrix = multiply(matrix, own)
+        if box is not None and box[2] > 0 and box[3] > 0:
+            matrix = multiply(matrix, fit_view_box(box, width, height, self.root.get("preserveAspectRatio")))
+            inner = Frame(box[2], box[3], style.font_px, px_per_in)
+        elif box is not None:
+            self.notes.add("the viewBox has no area, so nothing is drawn")
+            return
+        if not style.displayed and self.options.hidden != "all":
+            self.notes.add("the whole drawing is hidden (display:none); --hidden all draws it")
+            return
+        self.children(self.root, Context(matrix, style, replace(inner, font_px=style.font_px)))
+
+    def _page_size(self, box: Any, outer: Frame) -> tuple[float, float]:
+        texts = [self._specified(self.root, name) for name in ("width", "height")]
+        sizes = [
+            self.number(self.root, name, text, outer, share)
+            for name, text, share in zip(("width", "height"), texts, (outer.width, outer.height), strict=True)
+        ]
+        missing = [size is None or (text or "").strip().endswith("%") for size, text in zip(sizes, texts, strict=True)]
+        width, height = sizes
+        if box and box[2] > 0 and box[3] > 0:
+            # CSS sizing of a replaced element: one size and the viewBox's proportions give the other.
+            if missing[0] and not missing[1] and texts[0] is None and height:
+                width = height * box[2] / box[3]
+            if missing[1] and not missing[0] and texts[1] is None and width:
+                height = width * box[3] / box[2]
+        elif all(missing):
+            self.notes.add("the drawing has no size and no viewBox; its page was taken as 100 px square")
+        width = outer.width if width is None else width
+        height = outer.height if height is None else height
+        if width <= 0 or height <= 0:
+            raise BadInput(f"the page is {width:g} px wide and {height:g} px high; give the <svg> a positive width and height")
+        return width, height
+
+    def _view_box(self, element: Any) -> Any:
+        try:
+            return parse_view_box(element.get("viewBox"))
+        except NotFinite:
+            raise BadInput(
+                f"{self.name(element)} has viewBox={element.get('viewBox')!r}, which is not finite; correct it"
+            ) from None
+
+    # ---- elements
+
+    def children(self, element: Any, context: Context) -> None:
+        for child in element:
+            self.element(child, context)
+
+    def element(self, element: Any, context: Context) -> None:
+        tag = element.tag
+        kind = self._kinds.get(tag)
+        if kind is None:
+            kind = self._kinds[tag] = self._kind(tag)
+        if not kind or kind in _NEVER:
+            return
+        self._element_count += 1
+        if self._element_count > self.options.budgets.elements:
+            raise BadInput(
+                f"the drawing has more than {self.options.budgets.elements} elements, counting each <use>; raise --max-elements if it is meant"
+            )
+        items = element.items()
+        style = self.cascade.style(element, kind, items, context.style, context.frame)
+        if not style.displayed and self.options.hidden != "all":
+            if kind in _CONTAINERS:
+                self.layering.enter(element, context.level + 1, context.layer, hidden=True)
+            self.notes.add("{count} elements are hidden (display:none) and were left out; --hidden all draws them")
+            return
+        attributes = dict(items)
+        matrix = context.matrix
+        if "transform" in attributes or "transform" in style.own:
+            own = self._own_transform(element, style, context.frame)
+            if own is None:
+                own = IDENTITY
+            matrix = multiply(matrix, own)
+            if is_singular(matrix):
+                self.notes.add("{count} elements have a transform that leaves them no area and were left out")
+                return
+        if kind in SHAPES or kind in ("path", "polyline", "polygon"):
+            self._shape(element, kind, attributes, style, matrix, context)
+            return
+        if context.level >= self.options.budgets.nesting:
+            raise BadInput(
+                f"{self.name(element)} is nested deeper than {self.options.budgets.nesting} levels, counting each <use>; raise --max-nesting (at most 400) or flatten its groups"
+            )
+        frame = context.frame if style.font_px == context.frame.font_px else replace(context.frame, font_px=style.font_px)
+        inner = Context(matrix, style, frame, context.layer, context.clips, context.level + 1, context.uses, context.host)
+        self._container(element, kind, inner)
+
+    def _kind(self, tag: Any) -> str:
+        """The local name of an SVG element; empty for what is none."""
+        if not isinstance(tag, str):
+            return ""
+        space, _, local = tag.rpartition("}")
+        return local if space in ("", "{" + SVG) else ""
+
+    def _container(self, element: Any, kind: str, inner: Context) -> None:
+        if kind in _CONTAINERS:
+            if inner.layer is None and not inner.uses:
+                inner = replace(inner, layer=self.layering.enter(element, inner.level, None, hidden=False))
+                if inner.layer is not None and self.layering.layers[inner.layer].is_documentation:
+                    self.notes.add(
+                        "{count} layers are documentation (their names begin with %) and were left out: {names}",
+                        self.layering.layers[inner.layer].name,
+                    )
+                    return
+            self.children(element, inner)
+        elif kind == "svg":
+            self._viewport(element, inner, element.get("width"), element.get("height"))
+        elif kind == "use":
+            self._use(element, inner)
+        elif kind == "switch":
+            self._switch(element, inner)
+        elif kind == "image":
+            self.notes.add("{count} images were left out: a pen draws no pixels")
+        elif kind == "foreignObject":
+            self.notes.add("{count} foreignObject elements (HTML inside the drawing) were left out")
+        elif kind == "text":
+            self.notes.add("{count} texts were left out")
+        else:
+            self.notes.add("{count} unknown elements were left out ({names})", f"<{kind}>")
+
+    def _switch(self, element: Any, inner: Context) -> None:
+        """The first child whose conditions hold (SVG 2, 5.9)."""
+        for child in element:
+            kind = self._kind(child.tag)
+            if not kind or kind in _NEVER:
+                continue
+            languages = child.get("systemLanguage")
+            if languages is not None and not any(word.strip().lower().split("-")[0] == "en" for word in languages.split(",")):
+                continue
+            if child.get("requiredExtensions") is not None or (kind == "foreignObject"):
+                continue
+            self.element(child, inner)
+            return
+
+    # ---- shapes
+
+    def _shape(
+        self, element: Any, kind: str, attributes: dict[str, str], style: Style, matrix: Matrix, context: Context
+    ) -> None:
+        if not self._is_drawn(style):
+            return
+        layer = context.layer if context.layer is not None else self.layering.outside()
+        shape = Shape(style, layer, matrix, context.clips, attributes.get("pathLength"))
+        own = style.own
+        if kind == "path":
+            data = attributes.get("d")
+            if data:
+                self._elements.append(element)
+                self.collector.add_path(shape, data)
+            return
+        if kind in ("polyline", "polygon"):
+            data = points_as_path(attributes.get("points", ""), closed=kind == "polygon")
+            if data:
+                self._elements.append(element)
+                self.collector.add_path(shape, data)
+            return
+        if own:
+            attributes.update((name, value) for name, value in own.items() if name in GEOMETRY)
+        frame = context.frame if style.font_px == context.frame.font_px else replace(context.frame, font_px=style.font_px)
+        try:
+            outline = SHAPES[kind](attributes.get, frame)
+        except NotFinite as error:
+            raise BadInput(f"{self.name(element)} has the value {str(error)!r}, which is not finite; correct it") from None
+        if outline is not None:
+            self._elements.append(element)
+            self.collector.add_commands(shape, *outline)
+
+    def _is_drawn(self, style: Style) -> bool:
+        hidden = self.options.hidden
+        if not style.visible and hidden != "all":
+            self.notes.add("{count} shapes are invisible (visibility) and were left out; --hidden all draws them")
+            return False
+        if style.stroke is None and hidden == "skip":
+            if style.fill is None:
+                self.notes.add("{count} shapes have neither fill nor stroke and were left out; --hidden unpainted draws them")
+                return False
+            if self.options.fills == "skip":
+                self.notes.add("{count} shapes are only filled and were left out; --fills outline draws their outlines")
+                return False
+        return True
+
+    # ---- use, svg and symbol
+
+    def _use(self, element: Any, inner: Context) -> None:
+        href = element.get("href")
+        if href is None:
+            href = element.get(_HREF) or ""
+        target = self.find(href, "<use>")
+        if target is None:
+            return
+        if (
+            any(target is one for one in inner.uses)
+            or any(target is one for one in element.iterancestors())
+            or target is element
+        ):
+            self.notes.add("{count} <use> elements refer to themselves and were left out")
+            return
+        self._use_count += 1
+        if self._use_count > self.options.budgets.uses:
+            raise BadInput(
+                f"the drawing expands more than {self.options.budgets.uses} <use> elements; raise --max-uses if it is meant"
+            )
+        x = self.number(element, "x", self._specified(element, "x", inner.style), inner.frame, inner.frame.width) or 0.0
+        y = self.number(element, "y", self._specified(element, "y", inner.style), inner.frame, inner.frame.height) or 0.0
+        matrix = multiply(inner.matrix, translation(x, y)) if x or y else inner.matrix
+        moved = replace(inner, matrix=matrix, uses=(*inner.uses, target), host=element)
+        kind = self._kind(target.tag)
+        if kind not in ("symbol", "svg"):
+            self.element(target, moved)
+            return
+        style = self.cascade.style(target, kind, target.items(), moved.style, moved.frame)
+        if not style.displayed and kind == "svg":
+            return
+        own = self._own_transform(target, style, moved.frame)
+        moved = replace(moved, style=style, matrix=multiply(matrix, own) if own else matrix, level=moved.level + 1)
+        if moved.level > self.options.budgets.nesting:
+            raise BadInput(
+                f"{self.name(element)} is nested deeper than {self.options.budgets.nesting} levels; raise --max-nesting (at most 400)"
+            )
+        self._viewport(target, moved, *(element.get(name) or target.get(name) for name in ("width", "height")))
+
+    def _viewport(self, element: Any, context: Context, width_text: str | None, height_text: str | None) -> None:
+        """The content of an inner svg, or of a symbol through its use: a new coordinate system, clipped unless overflow is visible."""
+        frame = context.frame
+        kind = self._kind(element.tag)
+        x = y = 0.0
+        if kind == "svg":
+            x = self.number(element, "x", element.get("x"), frame, frame.width) or 0.0
+            y = self.number(element, "y", element.get("y"), frame, frame.height) or 0.0
+        width = self.number(element, "width", width_text, frame, frame.width)
+        height = self.number(element, "height", height_text, frame, frame.height)
+        width = frame.width if width is None else width
+        height = frame.height if height is None else height
+        if width <= 0 or height <= 0:
+            return
+        matrix = multiply(context.matrix, translation(x, y)) if x or y else context.matrix
+        clips = context.clips
+        if context.style.own.get("overflow", "hidden") not in ("visible", "auto"):
+            clips = (*clips, self.box_clip(matrix, 0.0, 0.0, width, height))
+        box = self._view_box(element)
+        if box is not None:
+            if box[2] <= 0 or box[3] <= 0:
+                return
+            matrix = multiply(matrix, fit_view_box(box, width, height, element.get("preserveAspectRatio")))
+            width, height = box[2], box[3]
+        if is_singular(matrix):
+            return
+        self.children(element, replace(context, matrix=matrix, clips=clips, frame=replace(frame, width=width, height=height)))
+
+    def box_clip(self, matrix: Matrix, x: float, y: float, width: float, height: float) -> Any:
+        return ("box", matrix, x, y, width, height)
+
+    # ---- help
+
+    def find(self, href: str, who: str) -> Any:
+        """The element that `#id` names, or None with a note."""
+        if self._by_id is None:
+            self._by_id = {}
+            for one in self.root.iter():
+                name = one.get("id")
+                if name is not None:
+                    self._by_id.setdefault(name, one)
+        href = href.strip()
+        if not href.startswith("#"):
+            self.notes.add(
+                f"{{count}} {who} elements refer to something outside the file ({{names}}), which is never read", href[:60]
+            )
+            return None
+        target = self._by_id.get(href[1:])
+        if target is None:
+            self.notes.add(f"{{count}} {who} elements refer to something that is not there ({{names}})", href[:60])
+        return target
+
+    def number(self, element: Any, attribute: str, text: str | None, frame: Frame, percent_of: float) -> float | None:
+        try:
+            return parse_length(text, frame, percent_of)
+        except NotFinite:
+            raise BadInput(f"{self.name(element)} has {attribute}={text!r}, which is not finite; correct it") from None
+
+    def _specified(self, element: Any, name: str, style: Style | None = None) -> str | None:
+        """A geometry attribute, or the property that overrides it."""
+        value = style.own.get(name) if style is not None else None
+        found = element.get(name) if value is None else value
+        return None if found is None or found.strip() == "auto" else found
+
+    def _own_transform(self, element: Any, style: Style, frame: Frame) -> Matrix | None:
+        text = style.own.get("transform", element.get("transform"))
+        if text is None:
+            return None
+        try:
+            matrix = self._transforms[text]
+        except KeyError:
+            matrix = parse_transform(text)
+            if len(self._transforms) < 100_000:
+                self._transforms[text] = matrix
+        if matrix is None:
+            self.notes.add("{count} transforms are not valid and were ignored ({names})", f"{self.name(element)}: {text[:40]}")
+            return None
+        origin = style.own.get("transform-origin")
+        if origin is not None:
+            at = _origin(origin, frame)
+            matrix = multiply(multiply(translation(*at), matrix), translation(-at[0], -at[1]))
+        return matrix
+
+    def name(self, element: Any) -> str:
+        kind = self._kind(element.tag) or "?"
+        name = element.get("id")
+        return f"<{kind} id={name!r}>" if name else f"<{kind}> on line {element.sourceline}"
+
+    def shape_name(self, index: int) -> str:
+        return self.name(self._elements[index])
+
+
+_ORIGIN_WORDS = {"left": "0%", "top": "0%", "center": "50%", "right": "100%", "bottom": "100%"}
+
+
+def _origin(text: str, frame: Frame) -> tuple[float, float]:
+    """transform-origin against the viewport (transform-box: view-box, SVG's default)."""
+    words = text.split()
+    if len(words) >= 2 and (words[0] in ("top", "bottom") or words[1] in ("left", "right")):
+        words[:2] = [words[1], words[0]]
+    x = _ORIGIN_WORDS.get(words[0], words[0]) if words else "0"
+    y = _ORIGIN_WORDS.get(words[1], words[1]) if len(words) > 1 else "50%"
+    return parse_length(x, frame, frame.width) or 0.0, parse_length(y, frame, frame.height) or 0.0
