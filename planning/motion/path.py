@@ -1,0 +1,191 @@
+"""Stroke paths made ready for planning: many polylines side by side in flat arrays, judged smooth or sharp at each vertex.
+
+All functions here work on a `PathSet`, so that a batch of short strokes costs as few numpy calls as one long stroke. Path
+coordinate `s` (mm) is chord length along the polyline; paths follow each other on one axis with a gap between them, so one
+`searchsorted` serves all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+# A bend that turns more than this at one vertex is a corner, whatever its size.
+SMOOTH_TURN_RAD = 0.7
+# A vertex that the drawing itself calls smooth may turn this much before it is a corner all the same.
+HINTED_SMOOTH_TURN_RAD = 1.1
+# A smooth curve through the vertices may leave the polyline by this part of the tolerance.
+SMOOTH_BULGE = 0.3
+HINTED_SMOOTH_BULGE = 0.6
+# Between the paths of a set, so that no search can find a neighbour.
+GAP_MM = 16.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PathSet:
+    """Polylines in flat arrays: N vertices of B paths, N - 1 segments of which those joining two paths are void.
+
+    `point_mm` (N, 2); `s_mm` (N,) increasing; `path` (N,) index of the path; `first`, `last` (B,) its vertices; `turn_rad`
+    (N,) signed; `sharp` (N,) corners inside a path; `length_mm` (N - 1,); `tangent_in`, `tangent_out` (N - 1, 2) of the C1
+    curve at both ends of each segment; `bulge_mm` (N - 1,) how far that curve leaves the segment; `curvature` (N,) per mm, 0
+    at corners and ends.
+    """
+
+    point_mm: Array
+    s_mm: Array
+    path: Ints
+    first: Ints
+    last: Ints
+    turn_rad: Array
+    sharp: Mask
+    length_mm: Array
+    tangent_in: Array
+    tangent_out: Array
+    bulge_mm: Array
+    curvature: Array
+
+    def segment(self, s_mm: Array, path: Ints) -> Ints:
+        """The segment of `path` that holds each s, clipped to the path's own."""
+        found = np.searchsorted(self.s_mm, s_mm, side="right") - 1
+        return np.clip(found, self.first[path], self.last[path] - 1)
+
+    def curve(self, s_mm: Array, path: Ints) -> tuple[Array, Array]:
+        """Point and unit tangent (each (m, 2)) of the C1 curve at s (cubic Hermite over each segment)."""
+        i = self.segment(s_mm, path)
+        length = self.length_mm[i][:, None]
+        x = np.clip((s_mm - self.s_mm[i]) / self.length_mm[i], 0.0, 1.0)[:, None]
+        chord = self.point_mm[i + 1] - self.point_mm[i]
+        t_in, t_out = self.tangent_in[i] * length, self.tangent_out[i] * length
+        # P = p0 + x t_in + x^2 (3 chord - 2 t_in - t_out) + x^3 (t_in + t_out - 2 chord)
+        c2 = 3.0 * chord - 2.0 * t_in - t_out
+        c3 = t_in + t_out - 2.0 * chord
+        point = self.point_mm[i] + x * (t_in + x * (c2 + x * c3))
+        slope = t_in + x * (2.0 * c2 + 3.0 * x * c3)
+        norm = np.hypot(slope[:, 0], slope[:, 1])[:, None]
+        unit = np.where(norm > 0.1 * length, slope / np.maximum(norm, 1e-300), chord / length)
+        return point, unit
+
+    def polyline(self, s_mm: Array) -> Array:
+        """Points of the polylines themselves at s (m, 2)."""
+        return np.stack(
+            [np.interp(s_mm, self.s_mm, self.point_mm[:, 0]), np.interp(s_mm, self.s_mm, self.point_mm[:, 1])], axis=-1
+        )
+
+
+def merge_distance_mm(tolerance_mm: float) -> float:
+    """Vertices nearer than this to the one before (along the path) say nothing a pen could draw."""
+    return float(np.clip(0.05 * tolerance_mm, 0.0002, 0.002))
+
+
+def thinned(points_mm: Array, merge_mm: float) -> Ints:
+    """Indices of the vertices worth planning: the first, the last, and no two within `merge_mm` along the path."""
+    steps = np.hypot(*np.diff(points_mm, axis=0).T)
+    n = len(points_mm)
+    if n < 2 or steps.min() >= merge_mm:
+        return np.arange(n)
+    along = np.concatenate(([0.0], np.cumsum(steps)))
+    bins = np.floor(along / merge_mm).astype(np.int64)
+    keep = np.concatenate(([0], np.flatnonzero(np.diff(bins) > 0) + 1))
+    # Neighbouring bins can still hold neighbours that are nearer than that: drop the second of such a pair, once.
+    if len(keep) > 1:
+        near = np.concatenate(([False], np.diff(along[keep]) < merge_mm))
+        near[1:] &= ~near[:-1]
+        keep = keep[~near]
+    if keep[-1] != n - 1:
+        keep = keep[:-1] if len(keep) > 1 and along[-1] - along[keep[-1]] < merge_mm else keep
+        keep = np.append(keep, n - 1)
+    while len(keep) > 1:
+        same = (np.diff(points_mm[keep], axis=0) == 0.0).all(axis=1)
+        if not same.any():
+            break
+        # Of two equal neighbours the first goes, but never the stroke's own first vertex.
+        drop = np.flatnonzero(same)
+        drop = np.where(drop == 0, 1, drop)
+        keep = np.delete(keep, drop)
+    return keep
+
+
+def path_set(points: Sequence[Array], corners: Sequence[Mask | None], tolerance_mm: float) -> PathSet:
+    """Lay the polylines (each (n, 2), n >= 2, no two neighbours equal) side by side and judge their vertices. O(vertices)."""
+    counts = np.array([len(p) for p in points], dtype=np.int64)
+    last = np.cumsum(counts) - 1
+    first = last - counts + 1
+    point = np.concatenate(points)
+    path = np.repeat(np.arange(len(points)), counts)
+    chord = np.diff(point, axis=0)
+    length = np.hypot(chord[:, 0], chord[:, 1])
+    void = np.zeros(len(length), dtype=np.bool_)
+    void[last[:-1]] = True
+    length[void] = GAP_MM
+    s = np.concatenate(([0.0], np.cumsum(length)))
+    unit = chord / length[:, None]
+
+    end = np.zeros(len(point), dtype=np.bool_)
+    end[first] = end[last] = True
+    turn = np.zeros(len(point))
+    a, b = unit[:-1], unit[1:]
+    turn[1:-1] = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
+    turn[end] = 0.0
+    before, after = np.ones(len(point)), np.ones(len(point))
+    before[1:], after[:-1] = length, length
+    bulge = np.abs(turn) * before * after / (8.0 * (before + after))
+    hint = np.concatenate([np.zeros(len(p), dtype=np.int8) if c is None else np.where(c, 1, -1).astype(np.int8)
+                           for p, c in zip(points, corners, strict=True)])  # fmt: skip
+    smooth = (np.abs(turn) < SMOOTH_TURN_RAD) & (bulge < SMOOTH_BULGE * tolerance_mm)
+    smooth |= (hint < 0) & (np.abs(turn) < HINTED_SMOOTH_TURN_RAD) & (bulge < HINTED_SMOOTH_BULGE * tolerance_mm)
+    sharp = ~smooth & ~end
+
+    # The longer neighbour leads, so that a straight leg stays straight next to a short one.
+    share = (before / (before + after))[:, None]
+    mean = np.zeros_like(point)
+    mean[1:-1] = unit[:-1] * share[1:-1] + unit[1:] * (1.0 - share[1:-1])
+    norm = np.hypot(mean[:, 0], mean[:, 1])
+    use = smooth & ~end & (norm > 1e-3)
+    mean[use] /= norm[use][:, None]
+    tangent_in = np.where(use[:-1, None], mean[:-1], unit)
+    tangent_out = np.where(use[1:, None], mean[1:], unit)
+    cross_in = np.abs(unit[:, 0] * tangent_in[:, 1] - unit[:, 1] * tangent_in[:, 0])
+    cross_out = np.abs(unit[:, 0] * tangent_out[:, 1] - unit[:, 1] * tangent_out[:, 0])
+    curvature = np.where(sharp | end, 0.0, 2.0 * np.abs(turn) / (before + after))
+    return PathSet(point, s, path, first, last, turn, sharp, length, tangent_in, tangent_out,
+                   length * (cross_in + cross_out) / 8.0, curvature)  # fmt: skip
+
+
+def distance_to_path(paths: PathSet, at_mm: Array, path: Ints, s_guess_mm: Array) -> tuple[Array, Array]:
+    """Distance of points (m, 2) to their path's polyline near `s_guess_mm`, and the s of the nearest point found.
+
+    Walks along the segments from the guess while that gets nearer; so the distance is never too small.
+    """
+    low, high = paths.first[path], paths.last[path] - 1
+    segment = paths.segment(s_guess_mm, path)
+    best = np.full(len(at_mm), np.inf)
+    best_s = s_guess_mm.copy()
+    active = np.arange(len(at_mm))
+    for reach in (2, 2, 3, 4, 6, 8):
+        here = segment[active]
+        moved = np.zeros(len(active), dtype=np.bool_)
+        centre = here.copy()
+        for step in range(-reach, reach + 1):
+            i = np.clip(centre + step, low[active], high[active])
+            chord = paths.point_mm[i + 1] - paths.point_mm[i]
+            offset = at_mm[active] - paths.point_mm[i]
+            x = np.clip((offset * chord).sum(axis=1) / (paths.length_mm[i] ** 2), 0.0, 1.0)
+            rest = offset - x[:, None] * chord
+            distance = np.hypot(rest[:, 0], rest[:, 1])
+            nearer = distance < best[active] - 1e-12
+            best[active[nearer]] = distance[nearer]
+            best_s[active[nearer]] = (paths.s_mm[i] + x * paths.length_mm[i])[nearer]
+            here[nearer] = i[nearer]
+            moved |= nearer & (i != centre)
+        segment[active] = here
+        active = active[moved]
+        if not len(active):
+            break
+    return best, best_s
