@@ -1,0 +1,141 @@
+"""A plan becomes what a board is sent: the best commands that its firmware has, exact to the step.
+
+The board's step counters are the only truth about where the pen is, so the encoder carries their exact value along: it solves
+every command's rate from the phase that the board will have when it gets there. At the end of every motion the counters are
+`round(kinematics.steps(end - origin))`, over any length. Time is plan time, stretched by the tick that some firmware loses
+after each command; motion is never sped up to make good for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from output.ebb.arithmetic import ONE_STEP
+from output.ebb.commands import EM, LT, SC, SM, SP, SR, T3, Command
+from output.ebb.encode_pieces import PRIMED, Phase, borders_of, quantised, split
+from output.ebb.firmware import Firmware
+from output.ebb.program import LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
+from planning.motion.limits import Kinematics
+from planning.motion.plan import Action, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
+
+Family = Literal["auto", "t3", "lt", "lm", "sm", "xm"]
+
+
+@dataclass(frozen=True, slots=True)
+class PenCommands:
+    """How the board raises and lowers the pen: servo positions in 1 / 12 MHz, rates in those per 24 ms, RB pin (None: RB1)."""
+
+    up: int
+    down: int
+    rate_up: int
+    rate_down: int
+    pin: int | None = None
+    servo_timeout_ms: int = 60_000
+    first_lift_s: float = 0.5
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class BoardSetup:
+    """What the encoder must know of machine and board.
+
+    `origin_mm` (2,) is the machine position at which the step counters are 0; `microsteps` is EM's first parameter (1: 1/16).
+    """
+
+    kinematics: Kinematics
+    firmware: Firmware
+    pen: PenCommands
+    origin_mm: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
+    family: Family = "auto"
+    microsteps: int = 1
+    motors_off_at_end: bool = True
+
+
+def prologue(setup: BoardSetup) -> Iterator[Command | Mark]:
+    """What comes first: pen configured and raised, motors on with counters at 0, accumulators at half a step."""
+    pen = setup.pen
+    yield SC(4, pen.up)
+    yield SC(5, pen.down)
+    yield SC(11, pen.rate_up)
+    yield SC(12, pen.rate_down)
+    if setup.firmware.has(SR(0)):
+        yield SR(pen.servo_timeout_ms, 1)
+    yield EM(setup.microsteps, setup.microsteps)
+    yield _pen(1, pen.first_lift_s, setup)
+    if not setup.firmware.old_arithmetic:
+        # One tick at half a step: nothing steps, and from here rounding down is rounding to the nearest.
+        yield LT(1, PRIMED, 0, PRIMED, 0)
+
+
+def epilogue(setup: BoardSetup) -> Iterator[Command | Mark]:
+    """What comes last: pen up, and the motors off unless `motors_off_at_end` is False."""
+    yield _pen(1, 0, setup)
+    if setup.motors_off_at_end:
+        yield EM(0, 0)
+
+
+def encode(actions: Iterable[Action], setup: BoardSetup) -> Iterator[Command | Mark]:
+    """The commands of a plan, with marks for layers, strokes and pauses. The board must be as `prologue` leaves it.
+
+    Raises BadCommand when the firmware lacks the commands asked for, or a motor would have to step faster than 25 kHz.
+    """
+    encoder = _Encoder(setup)
+    for action in actions:
+        yield from encoder.action(action)
+
+
+def _pen(value: int, wait_s: float, setup: BoardSetup) -> SP:
+    wait_ms = int(np.ceil(wait_s * 1000 - 1e-6))
+    if setup.pen.pin is not None:
+        return SP(value, wait_ms, setup.pen.pin)
+    return SP(value, wait_ms or None)
+
+
+class _Encoder:
+    """Carries what the board will have executed from one action to the next."""
+
+    def __init__(self, setup: BoardSetup) -> None:
+        self.setup = setup
+        self.phase: Phase | None = None
+
+    def action(self, action: Action) -> Iterator[Command | Mark]:
+        match action:
+            case Travel(motion=motion):
+                yield from self.motion(motion)
+            case Draw(motion=motion, stroke=stroke):
+                yield from self.motion(motion)
+                yield StrokeEnd(stroke, self.phase.steps if self.phase else (0, 0))
+            case Lower(wait_s=wait_s, stroke=stroke):
+                yield StrokeMark(stroke)
+                yield _pen(0, wait_s, self.setup)
+            case Lift(wait_s=wait_s):
+                yield _pen(1, wait_s, self.setup)
+            case Dwell(duration_s=duration_s):
+                yield from self.wait(duration_s)
+            case LayerStart(number=number, name=name):
+                yield LayerMark(number, name)
+            case OperatorPause(message=message):
+                yield PauseMark(message)
+
+    def motion(self, motion: Motion) -> Iterator[Command]:
+        if self.phase is None:
+            self.phase = self._at(motion.start_mm)
+        borders = split(borders_of(motion, self.setup.kinematics, self.setup.origin_mm))
+        for parameters in quantised(borders, self.phase):
+            yield T3(*parameters)
+
+    def wait(self, duration_s: float) -> Iterator[Command]:
+        left_ms = round(duration_s * 1000)
+        while left_ms > 0:
+            part_ms = min(left_ms, self.setup.firmware.max_delay_ms)
+            yield SM(part_ms, 0, 0)
+            left_ms -= part_ms
+
+    def _at(self, position_mm: NDArray[np.float64]) -> Phase:
+        """The phase after `prologue`, at the plan's start: counters rounded, accumulators at half a step."""
+        steps = np.rint(self.setup.kinematics.steps(position_mm - self.setup.origin_mm)).astype(np.int64)
+        return Phase(int(steps[0]) * ONE_STEP + PRIMED, int(steps[1]) * ONE_STEP + PRIMED)

@@ -1,0 +1,247 @@
+"""A motion as the board's integers: cubic pieces in accumulator units, quantised so that no error is ever left behind.
+
+Units: positions in 2^-31 steps, times in ticks of 40 us, rates in 2^-31 steps per tick (2^31 is 25 kHz). The board's phase
+`position * 2^31 + acc` starts half a step up (`PRIMED`), so that its whole part is the plan's position rounded to the nearest.
+
+Laws (tests/laws/test_encode_laws.py):
+- each piece's rate is solved from the phase that the board will really have, so that rounding errors do not add up;
+- at a motion's end the whole part of the phase is the rounded end of the plan, with EDGE of a step to spare;
+- where the plan moves an axis one way, the rate register never has the other sign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from output.ebb.arithmetic import ONE_STEP, TICK_S
+from output.errors import BadCommand
+from planning.motion.limits import Kinematics
+from planning.motion.plan import Motion
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# The phase at rest on a whole step: half a step up, by which rounding down becomes rounding to the nearest.
+PRIMED = ONE_STEP // 2
+# A motion ends at least this far (in steps) from where the rounded position would change.
+EDGE = 1 / 16
+# How far (steps) the middle of a piece may be off because jerk and acceleration are integers; longer pieces are split.
+_MIDDLE_ERROR = 0.1
+# How far (2^-31 steps) a piece's end may be off when its rate is held back so as not to step backwards.
+_END_ERROR = ONE_STEP / 64
+# Rates below this (2^-31 steps per tick) are standing still: 1e-5 steps per second.
+_STILL_RATE = 1.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Borders:
+    """Where the pieces of a motion meet: `x` (n + 1, 2) positions and `v` (n + 1, 2) rates there, `ticks` (n,) between them.
+
+    A piece is the cubic with these ends.
+    """
+
+    x: Array
+    v: Array
+    ticks: Ints
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+
+class Cubics(NamedTuple):
+    """Per piece, as integers: accel and jerk (n, 2) as the board gets them, the least and greatest Rate (n, 2) allowed for each
+    axis, and `base` (n, 2), how far accel and jerk alone move it. `way` (n, 2): 1 when the plan only moves the axis forwards
+    during the piece, -1 backwards, 0 both, 2 when it rests."""
+
+    accel: Ints
+    jerk: Ints
+    least: Ints
+    most: Ints
+    base: Ints
+    way: Ints
+
+
+def borders_of(motion: Motion, kinematics: Kinematics, origin_mm: Array) -> Borders:
+    """The motion's borders, its ends moved into the middle 7/8 of their step so that they round to one step for certain."""
+    ticks = np.maximum(np.rint(motion.duration_s / TICK_S).astype(np.int64), 1)
+    points_mm = np.vstack((motion.position_mm, motion.end_mm[None, :]))
+    velocity_mm_s = np.vstack((motion.velocity_mm_s, np.zeros((1, 2))))
+    x = kinematics.steps(points_mm - origin_mm)
+    v = kinematics.steps(velocity_mm_s) * TICK_S
+    shift_start, shift_end = settled(x[0]) - x[0], settled(x[-1]) - x[-1]
+    if shift_start.any() or shift_end.any():
+        # Spread the shift over the way that the axis goes: its velocity is scaled a little and keeps its sign.
+        way = np.vstack((np.zeros((1, 2)), np.cumsum(np.abs(np.diff(x, axis=0)), axis=0)))
+        total = np.where(way[-1] > 0, way[-1], 1.0)
+        slope = np.where(way[-1] > 0, shift_end - shift_start, 0.0) / total
+        x = x + shift_start + slope * way
+        v = v + slope * np.abs(v)
+    return Borders(x * ONE_STEP, v * ONE_STEP, ticks)
+
+
+def settled(steps: Array) -> Array:
+    """Positions (steps) moved by at most EDGE so that they are at least EDGE from where rounding changes."""
+    nearest = np.rint(steps)
+    return np.clip(steps, nearest - 0.5 + EDGE, nearest + 0.5 - EDGE)
+
+
+def jerks(borders: Borders) -> Array:
+    """The jerk (n, 2) of the cubics between the borders."""
+    t = borders.ticks[:, None].astype(np.float64)
+    return 6.0 * (borders.v[1:] + borders.v[:-1]) / t**2 - 12.0 * np.diff(borders.x, axis=0) / t**3
+
+
+def split(borders: Borders) -> Borders:
+    """Split pieces that are so long that integer jerk and acceleration would move their middle by more than a tenth of a step.
+
+    With both end points and both end rates kept, an error d of the jerk moves the middle by 0.008 d T^3, one of the
+    acceleration by d T^2 / 8.
+    """
+    t = borders.ticks.astype(np.float64)
+    j = jerks(borders)
+    off = np.abs(j - np.rint(j)).max(axis=1)
+    middle = (0.00802 * off * t**3 + 0.0625 * t**2 * (off > 0)) / ONE_STEP
+    parts = np.ceil(np.cbrt(middle / _MIDDLE_ERROR)).astype(np.int64)
+    parts = np.clip(parts, 1, borders.ticks)
+    if (parts == 1).all():
+        return borders
+    return subdivide(borders, parts)
+
+
+def subdivide(borders: Borders, parts: Ints) -> Borders:
+    """Cut piece i into `parts[i]` pieces of nearly equal length along the same cubic."""
+    owner = np.repeat(np.arange(len(parts)), parts)
+    index = np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts)
+    begin = borders.ticks[owner] * index // parts[owner]
+    end = borders.ticks[owner] * (index + 1) // parts[owner]
+    x, v = along(borders, owner, begin.astype(np.float64))
+    return Borders(np.vstack((x, borders.x[-1:])), np.vstack((v, borders.v[-1:])), end - begin)
+
+
+def along(borders: Borders, piece: Ints, tick: Array) -> tuple[Array, Array]:
+    """Position and rate (m, 2) at `tick` (m,) ticks into each of the pieces `piece` (m,)."""
+    j = jerks(borders)[piece]
+    t, whole = tick[:, None], borders.ticks[piece][:, None].astype(np.float64)
+    v0, v1 = borders.v[piece], borders.v[piece + 1]
+    a = (v1 - v0) / whole - j * whole / 2
+    return borders.x[piece] + t * (v0 + t * (a / 2 + t * j / 6)), v0 + t * (a + t * j / 2)
+
+
+def cubics_of(borders: Borders) -> Cubics:
+    """Integer accelerations and jerks, and the rates that keep the direction and the board's 25 kHz.
+
+    Raises BadCommand when a motor would have to step faster than 25 kHz.
+    """
+    ticks = borders.ticks[:, None]
+    t = ticks.astype(np.float64)
+    v0, v1 = borders.v[:-1], borders.v[1:]
+    exact_jerk = jerks(borders)
+    jerk = np.rint(exact_jerk).astype(np.int64)
+    # Not the exact acceleration but the one that, with this jerk, reaches the end's rate: what is left is tiny and symmetric.
+    accel = np.rint((v1 - v0) / t - jerk * t / 2).astype(np.int64)
+
+    slowest, fastest = _extremes(v0, (v1 - v0) / t - exact_jerk * t / 2, exact_jerk, t)
+    if max(fastest.max(initial=0.0), -slowest.min(initial=0.0)) > ONE_STEP * 1.0000001:
+        speed = max(fastest.max(), -slowest.min()) / ONE_STEP / TICK_S
+        raise BadCommand(f"a motor would have to step at {speed:.0f} Hz, the board steps at most at 25000 Hz; plan slower")
+    forwards, backwards = slowest >= -_STILL_RATE, fastest <= _STILL_RATE
+    still = forwards & backwards
+    accel, jerk = np.where(still, 0, accel), np.where(still, 0, jerk)
+
+    low, high = _register_extremes(accel, jerk, ticks)
+    least = np.where(forwards, -low, -ONE_STEP - low)
+    most = np.where(backwards, -high, ONE_STEP - 1 - high)
+    way = np.where(still, 2, forwards.astype(np.int64) - backwards.astype(np.int64))
+    base = accel * (ticks * (ticks + 1) // 2) + jerk * ((ticks - 1) * ticks * (ticks + 1) // 6)
+    return Cubics(accel, jerk, least, most, base - (_truncated(accel, 2) - _truncated(jerk, 6)) * ticks, way)
+
+
+def _extremes(v0: Array, a: Array, j: Array, t: Array) -> tuple[Array, Array]:
+    """Least and greatest rate of each cubic."""
+    v1 = v0 + t * (a + t * j / 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = np.where(j != 0, -a / j, 0.0)
+    turn = np.where((turn > 0) & (turn < t), turn, 0.0)
+    middle = v0 + turn * (a + turn * j / 2)
+    return np.minimum(np.minimum(v0, v1), middle), np.maximum(np.maximum(v0, v1), middle)
+
+
+def _truncated(value: Ints, divisor: int) -> Ints:
+    return np.asarray(np.sign(value) * (np.abs(value) // divisor))
+
+
+def _register_extremes(accel: Ints, jerk: Ints, ticks: Ints) -> tuple[Ints, Ints]:
+    """Least and greatest of rate(t) - R over the ticks."""
+    bias = _truncated(jerk, 6) - _truncated(accel, 2)
+
+    def rate(t: Ints) -> Ints:
+        return bias + accel * t + jerk * (t * (t - 1) // 2)
+
+    first, last = rate(np.ones_like(ticks)), rate(ticks)
+    low, high = np.minimum(first, last), np.maximum(first, last)
+    turn = np.where(jerk != 0, _truncated(jerk - 2 * accel, 2) // np.where(jerk != 0, jerk, 1), 1)
+    for shift in (-1, 0, 1):
+        at = rate(np.clip(turn + shift, 1, ticks))
+        low, high = np.minimum(low, at), np.maximum(high, at)
+    return low, high
+
+
+@dataclass(slots=True)
+class Phase:
+    """Both motors' `position * 2^31 + acc`, as the board will have it after what was encoded so far."""
+
+    axis1: int
+    axis2: int
+
+    @property
+    def steps(self) -> tuple[int, int]:
+        return self.axis1 >> 31, self.axis2 >> 31
+
+
+Parameters = tuple[int, int, int, int, int, int, int]
+
+
+def quantised(borders: Borders, phase: Phase) -> list[Parameters]:
+    """Intervals, Rate, Accel and Jerk of both axes for each piece; `phase` is moved on to what the board will have."""
+    if not len(borders):
+        return []
+    cubics = cubics_of(borders)
+    targets = np.rint(borders.x[1:]).astype(np.int64) + PRIMED
+    ticks = borders.ticks.tolist()
+    rate1, accel1, jerk1, phase.axis1 = _one_axis(ticks, cubics, targets, 0, phase.axis1)
+    rate2, accel2, jerk2, phase.axis2 = _one_axis(ticks, cubics, targets, 1, phase.axis2)
+    return list(zip(ticks, rate1, accel1, jerk1, rate2, accel2, jerk2, strict=True))
+
+
+def _one_axis(
+    ticks: list[int], cubics: Cubics, targets: Ints, axis: int, phase: int
+) -> tuple[list[int], list[int], list[int], int]:
+    accels, jerks_, rates = cubics.accel[:, axis].tolist(), cubics.jerk[:, axis].tolist(), []
+    rows = zip(
+        ticks,
+        cubics.base[:, axis].tolist(),
+        cubics.least[:, axis].tolist(),
+        cubics.most[:, axis].tolist(),
+        targets[:, axis].tolist(),
+        cubics.way[:, axis].tolist(),
+        strict=True,
+    )
+    for i, (t, base, least, most, target, way) in enumerate(rows):
+        if way == 2:
+            rates.append(0)
+            continue
+        rate = (2 * (target - phase - base) + t) // (2 * t)
+        if rate < least or rate > most:
+            rate = least if rate < least else most
+            if way and abs(phase + rate * t + base - target) > _END_ERROR:
+                # Too slow for this curve to be drawn with integers without a step backwards: go evenly instead.
+                accels[i] = jerks_[i] = base = 0
+                even = (2 * (target - phase) + t) // (2 * t)
+                rate = max(even, 0) if way > 0 else min(even, 0)
+        rates.append(rate)
+        phase += rate * t + base
+    return rates, accels, jerks_, phase
