@@ -99,7 +99,8 @@ class Collector:
             made = flatten(segments, matrix, tolerance, budget - self._points)
         except PointBudget as error:
             raise BadInput(
-                f"the drawing has at least {self._points + error.args[0]} points and the limit is {budget}; raise --max-points or --tolerance-curve"
+                f"the drawing has at least {self._points + error.args[0]} points and the limit is {budget}; "
+                "raise --max-points or --tolerance-curve"
             ) from None
         self._points += len(made.points)
         if not np.isfinite(made.points).all():

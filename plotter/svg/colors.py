@@ -13,7 +13,7 @@ _HEX6 = re.compile(r"#[0-9a-fA-F]{6}$")
 
 @dataclass(frozen=True, slots=True)
 class Paint:
-    """What a fill or a stroke is painted with. `color` is `#rrggbb`, None for a gradient or a pattern; `server` is the id of that one."""
+    """What a fill or a stroke is painted with. `color` is `#rrggbb`; None for a gradient or a pattern, whose id is `server`."""
 
     color: str | None
     opaque: bool

@@ -1,4 +1,4 @@
-"""Bytes to an element tree, safely: no external entity, no DTD from outside, no network, and bounded before the tree is built."""
+"""Bytes to an element tree, safely: nothing from outside, no network, and bounded before the tree is built."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ SODIPODI = "http://sodipodi.sourceforge.net/DTD/sodipodi-0.dtd"
 
 _GZIP = b"\x1f\x8b"
 _CHUNK_BYTES = 1 << 20
+_QUOTED = rb"(?:\"[^\"]*\"|'[^']*')"
 _DOCTYPE = re.compile(
-    rb"<!DOCTYPE\s+([^\s\[>]+)\s*((?:PUBLIC\s*(?:\"[^\"]*\"|'[^']*')\s*(?:\"[^\"]*\"|'[^']*')?|SYSTEM\s*(?:\"[^\"]*\"|'[^']*')))"
+    rb"<!DOCTYPE\s+([^\s\[>]+)\s*(?:PUBLIC\s*" + _QUOTED + rb"\s*" + _QUOTED + rb"?|SYSTEM\s*" + _QUOTED + rb")"
 )
 _ENTITY = re.compile(rb"<!ENTITY\s+(%\s+)?[^\s\"']+\s+(SYSTEM|PUBLIC|\"|')")
 _NOT_SVG = {
@@ -131,7 +132,8 @@ def _parse(data: bytes, name: str, budgets: Budgets, has_entities: bool) -> Any:
         text = str(error.msg or error)
         if "depth" in text.lower() and "excessive" in text.lower():
             raise BadInput(
-                f"{name} nests elements deeper than the limit of {budgets.nesting}; flatten its groups (--max-nesting allows at most 400)"
+                f"{name} nests elements deeper than the limit of {budgets.nesting}; "
+                "flatten its groups (--max-nesting allows at most 400)"
             ) from None
         if "amplification" in text or ("entity" in text.lower() and "loop" in text.lower()):
             raise BadInput(f"{name} has entities that grow without bound ({text}); remove them") from None

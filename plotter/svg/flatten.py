@@ -76,7 +76,7 @@ def flatten(segments: Segments, matrix: Floats, tolerance_mm: float | Floats, po
     corner = np.zeros(total, bool)
     corner[offset[:-1]] = corner[ends] = True
     if len(sub) > 1:
-        arriving, leaving = _tangents(kind, points, mapped.arcs(keep))
+        arriving, leaving = _tangents(points, mapped.arcs(keep))
         joined = sub[1:] == sub[:-1]
         corner[last[:-1][joined]] = _turns(arriving[:-1][joined], leaving[1:][joined])
     return Polylines(out, corner, offset, segments.path[wanted], closed, dot[wanted])
@@ -173,7 +173,7 @@ def _longest_half_axis(u: Floats, v: Floats) -> Floats:
     sum_ = (u**2).sum(axis=1) + (v**2).sum(axis=1)
     cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     gap = np.sqrt(np.maximum((sum_ - 2 * cross) * (sum_ + 2 * cross), 0.0))
-    return np.sqrt((sum_ + gap) / 2)
+    return np.asarray(np.sqrt((sum_ + gap) / 2))
 
 
 def _write_curves(out: Floats, kind: NDArray[np.uint8], points: Floats, arcs: _Arcs, last: Ints, pieces: Ints) -> None:
@@ -224,7 +224,7 @@ def _steps(last: Ints, pieces: Ints) -> tuple[Ints, Ints, Floats]:
     return row, (last - pieces)[row] + step, step / pieces[row]
 
 
-def _tangents(kind: NDArray[np.uint8], points: Floats, arcs: _Arcs) -> tuple[Floats, Floats]:
+def _tangents(points: Floats, arcs: _Arcs) -> tuple[Floats, Floats]:
     """Directions (not normalised) in which each segment arrives at its end and leaves its start."""
     leaving = points[:, 1] - points[:, 0]
     arriving = points[:, 3] - points[:, 2]
@@ -244,4 +244,4 @@ def _tangents(kind: NDArray[np.uint8], points: Floats, arcs: _Arcs) -> tuple[Flo
 def _turns(before: Floats, after: Floats) -> Bools:
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     along = (before * after).sum(axis=1)
-    return np.abs(np.arctan2(cross, along)) > SMOOTH_JOIN_RAD
+    return np.asarray(np.abs(np.arctan2(cross, along)) > SMOOTH_JOIN_RAD)

@@ -61,7 +61,8 @@ class Layering:
             return "one"
         if rule == "auto" and runs > _MOST_LAYERS:
             notes.add(
-                f"the drawing has {sum(kinds)} top-level groups and no layers; they were taken as one layer (--layers groups keeps them apart)"
+                f"the drawing has {sum(kinds)} top-level groups and no layers; they were taken as one layer "
+                "(--layers groups keeps them apart)"
             )
             return "one"
         return "groups"

@@ -81,14 +81,13 @@ def _function(name: str, text: str) -> Matrix | None:
     arguments = _arguments(text)
     if arguments is None or not arguments:
         return None
-    units = _ANGLE_DEG if name.startswith(("rotate", "skew")) else _LENGTH_PX
-    try:
-        values = [
-            value * (units[unit] if i == 0 or name.startswith("skew") else _LENGTH_PX[unit])
-            for i, (value, unit) in enumerate(arguments)
-        ]
-    except KeyError:
-        return None
+    turns = name.startswith(("rotate", "skew"))
+    values = []
+    for i, (value, unit) in enumerate(arguments):
+        factor = (_ANGLE_DEG if turns and (i == 0 or name.startswith("skew")) else _LENGTH_PX).get(unit)
+        if factor is None:
+            return None
+        values.append(value * factor)
     if not all(map(math.isfinite, values)):
         return None
     return _matrix(name, values)

@@ -27,9 +27,9 @@ _GRAIN_LIMIT = 2.0**40
 class Segments:
     """Segments in drawing order, user units.
 
-    `kind` (n,); `points` (n, 4, 2): start, two controls (a quadratic uses the first; an arc neither), end; `subpath` (n,) into the
-    subpaths; `closing` (n,) True for the line that a close command draws. Arcs, in the order of their segments: `centre`, `axis_u`,
-    `axis_v` (m, 2), `angle` and `sweep` (m,) radians; a point is centre + cos(t) u + sin(t) v.
+    `kind` (n,); `points` (n, 4, 2): start, two controls (a quadratic uses the first; an arc neither), end; `subpath` (n,) into
+    the subpaths; `closing` (n,) True for the line that a close command draws. Arcs, in the order of their segments: `centre`,
+    `axis_u`, `axis_v` (m, 2), `angle` and `sweep` (m,) radians; a point is centre + cos(t) u + sin(t) v.
     Subpaths: `path` (k,), `start` (k, 2), `closed` (k,), `drawn` (k,) True where any command follows the move.
     """
 
@@ -50,8 +50,8 @@ class Segments:
 
 def resolve(commands: Commands) -> Segments:
     """Absolute segments of `commands`. Numbers must be finite."""
-    code, numbers = commands.code, commands.numbers
-    upper = code & UPPER
+    code = commands.code
+    upper = np.bitwise_and(code, np.uint8(UPPER))
     relative = (code & LOWER) != 0
     is_move = upper == M
     sub = np.cumsum(is_move) - 1
@@ -89,7 +89,7 @@ def _last_of(first: Ints, total: int) -> Ints:
 
 
 def _chain(values: Floats, anchored: Bools) -> tuple[Floats, Ints]:
-    """x[i] = values[i] where anchored, else x[i-1] + values[i]; and the index of the anchor each x rests on. The first must be anchored."""
+    """x[i] = values[i] where anchored (the first must be), else x[i-1] + values[i]; and the index of each x's anchor."""
     if anchored.all():
         return values, np.arange(len(values))
     anchor = np.maximum.accumulate(np.where(anchored, np.arange(len(values)), 0))
@@ -112,12 +112,12 @@ def _positions(
 ) -> tuple[Floats, Floats]:
     """Where each command ends (n, 2), and where each subpath starts (k, 2).
 
-    A subpath is first reckoned from its own start, as if that were 0; absolute coordinates anchor it to the page. Then the starts
-    are chained: each rests on the end of the subpath before, or on its start where that one was closed.
+    A subpath is first reckoned from its own start, as if that were 0; absolute coordinates anchor it to the page. Then the
+    starts are chained: each rests on the end of the subpath before, or on its start where that one was closed.
     """
     offset = np.full(256, -1)
-    for letter, index in _END_ARGUMENT.items():
-        offset[ord(letter)] = index
+    for letter, place in _END_ARGUMENT.items():
+        offset[ord(letter)] = place
     first_of = np.flatnonzero(is_move)
     last_of = _last_of(first_of, len(upper))
     closed = upper[last_of] == Z
@@ -125,7 +125,8 @@ def _positions(
     padded = np.append(commands.numbers, 0.0)
     position = np.empty((len(upper), 2))
     start = np.empty((len(first_of), 2))
-    for axis, single in ((0, ord("H")), (1, ord("V"))):
+    for axis in (0, 1):
+        single = b"HV"[axis]
         given = offset[upper] >= 0
         index = commands.first + np.where(given, offset[upper] + axis, 0)
         given |= upper == single
@@ -150,7 +151,7 @@ def _positions(
 
 
 def _gather(commands: Commands, rows: Ints, count: int) -> Floats:
-    return commands.numbers[commands.first[rows][:, None] + np.arange(count)]
+    return np.asarray(commands.numbers[commands.first[rows][:, None] + np.arange(count)])
 
 
 def _cubics(commands: Commands, upper: NDArray[np.uint8], base: Floats, points: Floats, kind: NDArray[np.uint8]) -> None:
@@ -172,7 +173,7 @@ def _quadratics(commands: Commands, upper: NDArray[np.uint8], base: Floats, poin
     points[full, 1] = _gather(commands, full, 2) + base[full]
     if not len(smooth):
         return
-    # q[i] = 2 p[i] - q[i-1]: with alternating signs it is a running sum, anchored at every Q and wherever T follows no quadratic.
+    # q[i] = 2 p[i] - q[i-1]: with alternating signs a running sum, anchored at every Q and wherever T follows no quadratic.
     rows = np.flatnonzero(kind == QUADRATIC)
     is_full = upper[rows] == ord("Q")
     follows = kind[rows - 1] == QUADRATIC
@@ -187,7 +188,7 @@ def _quadratics(commands: Commands, upper: NDArray[np.uint8], base: Floats, poin
 def _arcs(
     commands: Commands, upper: NDArray[np.uint8], points: Floats, kind: NDArray[np.uint8]
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """Endpoint to centre form (SVG 2, B.2.4 and B.2.5). Arcs without a radius become lines; arcs to where they start become nothing."""
+    """Endpoint to centre form (SVG 2, B.2.4 and B.2.5). Arcs without a radius become lines, arcs to their start nothing."""
     rows = np.flatnonzero(upper == ord("A"))
     values = _gather(commands, rows, 5)
     radius = np.abs(values[:, :2])

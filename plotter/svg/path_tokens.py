@@ -1,7 +1,7 @@
 """Path data to commands and numbers, many paths at once (SVG 2, 9.3).
 
-The fast way looks at all characters as one byte array and converts all numbers in one call. It only takes what it can show to be
-right; every path with something unusual (packed arc flags, errors) is first rewritten by `repair`, a plain reading of the
+The fast way looks at all characters as one byte array and converts all numbers in one call. It only takes what it can show to
+be right; every path with something unusual (packed arc flags, errors) is first rewritten by `repair`, a plain reading of the
 grammar, up to its first error, as the standard says.
 """
 
@@ -149,12 +149,12 @@ class _Piece:
         if len(head) and not len(self.command):
             bad.append(head[:1])
         self.odd = self._path_at(np.concatenate(bad))
-        self.numbers = self._convert(kind, numeric, start, len(head)) if not len(self.odd) else np.zeros(len(head))
+        self.numbers = self._convert(numeric, start, len(head)) if not len(self.odd) else np.zeros(len(head))
         solid = np.flatnonzero(kind != _SPACE)
         self.last = int(kind[solid[-1]]) if len(solid) else last
 
     def _path_at(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
-        return np.searchsorted(self._end_at, index, "left") + self._ends_before
+        return np.asarray(np.searchsorted(self._end_at, index, "left") + self._ends_before)
 
     @staticmethod
     def _starts(kind: NDArray[np.uint8], numeric: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -188,7 +188,7 @@ class _Piece:
         solid = np.flatnonzero(kind != _SPACE)
         tight = kind[solid]
         before = np.append(np.uint8(last), tight[:-1])
-        return solid[(tight == _COMMA) & (before != _DIGIT) & (before != _DOT)]
+        return np.asarray(solid[(tight == _COMMA) & (before != _DIGIT) & (before != _DOT)])
 
     def _bad_flags(self, numeric: NDArray[np.bool_], start: NDArray[np.bool_]) -> NDArray[np.int64]:
         """Arcs whose flags are not single characters 0 or 1."""
@@ -208,9 +208,7 @@ class _Piece:
             bad.append(self.command[row[~simple[first[row] + 7 * within + slot]]])
         return np.concatenate(bad)
 
-    def _convert(
-        self, kind: NDArray[np.uint8], numeric: NDArray[np.bool_], start: NDArray[np.bool_], count: int
-    ) -> NDArray[np.float64]:
+    def _convert(self, numeric: NDArray[np.bool_], start: NDArray[np.bool_], count: int) -> NDArray[np.float64]:
         if not count:
             return np.zeros(0)
         text = np.where(numeric, self.raw, np.uint8(32))

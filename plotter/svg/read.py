@@ -8,7 +8,7 @@ from typing import Any
 from planning.geometry.stroke import Layer, Stroke
 from plotter.errors import BadInput
 from plotter.svg.document import parse_document
-from plotter.svg.drawing import Drawing
+from plotter.svg.drawing import Drawing, LayerFacts
 from plotter.svg.flatten import Polylines
 from plotter.svg.layers import FileLayer, Layering
 from plotter.svg.notes import Notes
@@ -21,8 +21,8 @@ from plotter.svg.walk import Walk
 def read_drawing(source: Path | bytes, options: ReadOptions | None = None) -> Drawing:
     """The strokes of an SVG or gzipped SVG file, or of its bytes, in document order and page millimetres.
 
-    Curves are flattened within `options.tolerance_mm`; `Stroke.corners` is True at ends and where the outline itself turns, False
-    where a smooth curve was flattened or segments join smoothly. Nothing outside the document is read.
+    Curves are flattened within `options.tolerance_mm`; `Stroke.corners` is True at ends and where the outline itself turns,
+    False where a smooth curve was flattened or segments join smoothly. Nothing outside the document is read.
 
     Raises BadInput, with one sentence, for a document that cannot be read, is not finite or exceeds a budget.
     """
@@ -43,7 +43,11 @@ def read_drawing(source: Path | bytes, options: ReadOptions | None = None) -> Dr
         for number, (layer, drawn) in enumerate(zip(layering.layers, strokes, strict=True), 1)
         if drawn
     )
-    return Drawing(walk.width_mm, walk.height_mm, layers, notes.sentences())
+    facts = tuple(
+        LayerFacts(number, layer.name, len(drawn), layer.hidden, layer.locked, layer.is_documentation, layer.pause_before)
+        for number, (layer, drawn) in enumerate(zip(layering.layers, strokes, strict=True), 1)
+    )
+    return Drawing(walk.width_mm, walk.height_mm, layers, notes.sentences(), facts)
 
 
 def _load(source: Path | bytes, options: ReadOptions) -> tuple[str, bytes]:

@@ -13,7 +13,7 @@ from plotter.svg.lengths import Frame, parse_length
 from plotter.svg.stylesheet import Stylesheet, parse_style_attribute
 
 INHERITED = frozenset(
-    [
+    (
         "clip-rule",
         "color",
         "direction",
@@ -48,10 +48,10 @@ INHERITED = frozenset(
         "white-space",
         "xml:space",
         "font",
-    ]
+    )
 )
 OWN = frozenset(
-    [
+    (
         "alignment-baseline",
         "baseline-shift",
         "clip-path",
@@ -64,7 +64,7 @@ OWN = frozenset(
         "transform",
         "transform-origin",
         "transform-box",
-    ]
+    )
 )
 # Geometry that a sheet or a style attribute may set (SVG 2, 7); as attributes they are read with the element.
 GEOMETRY = frozenset(["x", "y", "width", "height", "cx", "cy", "r", "rx", "ry", "d"])

@@ -124,11 +124,12 @@ class Stylesheet:
 
 
 def _declarations(content: Any) -> list[Declaration]:
-    found = []
-    for item in tinycss2.parse_blocks_contents(content, skip_comments=True, skip_whitespace=True):
-        if item.type == "declaration":
-            found.append((item.lower_name, tinycss2.serialize(item.value).strip(), item.important))
-    return found
+    items = tinycss2.parse_blocks_contents(content, skip_comments=True, skip_whitespace=True)
+    return [
+        (item.lower_name, tinycss2.serialize(item.value).strip(), item.important)
+        for item in items
+        if item.type == "declaration"
+    ]
 
 
 def parse_style_attribute(text: str) -> list[Declaration]:

@@ -20,7 +20,7 @@ from plotter.svg.viewport import fit_view_box, parse_view_box
 _HREF = f"{{{XLINK}}}href"
 _CONTAINERS = frozenset(("g", "a"))
 _NEVER = frozenset(
-    [
+    (
         "defs",
         "symbol",
         "clipPath",
@@ -45,7 +45,7 @@ _NEVER = frozenset(
         "set",
         "solidColor",
         "hatch",
-    ]
+    )
 )
 # Page of a drawing that says neither a size nor a viewBox, in px.
 _NO_SIZE_PX = 100.0
@@ -156,7 +156,8 @@ class Walk:
         self._element_count += 1
         if self._element_count > self.options.budgets.elements:
             raise BadInput(
-                f"the drawing has more than {self.options.budgets.elements} elements, counting each <use>; raise --max-elements if it is meant"
+                f"the drawing has more than {self.options.budgets.elements} elements, counting each <use>; "
+                "raise --max-elements if it is meant"
             )
         items = element.items()
         style = self.cascade.style(element, kind, items, context.style, context.frame)
@@ -180,7 +181,8 @@ class Walk:
             return
         if context.level >= self.options.budgets.nesting:
             raise BadInput(
-                f"{self.name(element)} is nested deeper than {self.options.budgets.nesting} levels, counting each <use>; raise --max-nesting (at most 400) or flatten its groups"
+                f"{self.name(element)} is nested deeper than {self.options.budgets.nesting} levels, counting each <use>; "
+                "raise --max-nesting (at most 400) or flatten its groups"
             )
         frame = context.frame if style.font_px == context.frame.font_px else replace(context.frame, font_px=style.font_px)
         inner = Context(matrix, style, frame, context.layer, context.clips, context.level + 1, context.uses, context.host)
@@ -316,12 +318,13 @@ class Walk:
         moved = replace(moved, style=style, matrix=multiply(matrix, own) if own else matrix, level=moved.level + 1)
         if moved.level > self.options.budgets.nesting:
             raise BadInput(
-                f"{self.name(element)} is nested deeper than {self.options.budgets.nesting} levels; raise --max-nesting (at most 400)"
+                f"{self.name(element)} is nested deeper than {self.options.budgets.nesting} levels; "
+                "raise --max-nesting (at most 400)"
             )
         self._viewport(target, moved, *(element.get(name) or target.get(name) for name in ("width", "height")))
 
     def _viewport(self, element: Any, context: Context, width_text: str | None, height_text: str | None) -> None:
-        """The content of an inner svg, or of a symbol through its use: a new coordinate system, clipped unless overflow is visible."""
+        """The content of an inner svg or a used symbol: new coordinates, clipped unless overflow is visible."""
         frame = context.frame
         kind = self._kind(element.tag)
         x = y = 0.0
