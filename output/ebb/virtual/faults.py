@@ -1,0 +1,272 @@
+"""The fault script: what goes wrong, and when.
+
+A script is a list of objects: {"fault": NAME, "at": {"command": i} | {"byte": i} | {"time_s": t} | {"stroke": s}, ...}.
+Commands, bytes and strokes are counted from 0 since the board was started; times are board seconds. Durations may be given
+in board time (`..._s`) or in real time (`..._real_s`). `times` repeats a reply fault on that many replies (default 1).
+
+    drop_ack                          the reply is lost
+    delay_ack   delay_s               the reply, and all after it, come late
+    dup_ack                           the reply comes twice
+    split       after (bytes), delay_s    the reply comes in two parts
+    garbage     data, place           bytes in the reply: before (default), inside, or after it
+    notice      text, place           an unsolicited line; `text` without its line end
+    nak         text                  the command is refused with this error and not executed
+    freeze      for_s                 the board neither reads nor answers; what is queued goes on
+    slow        factor, for_s         parsing takes that many times longer (for_s absent: from then on)
+    hangup                            the port goes away for good
+    hangup_and_return  after_s, pty   it comes back, perhaps under another name; the board ran on
+    reboot      after_s, hangup       the board restarts; with hangup false the port stays open
+    power       on, for_s             the motors' supply (default off; for_s: back again after that)
+    button                            PRG is pressed
+
+A reply fault that is tied to a time, byte or stroke acts on the first reply after it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from output.ebb.virtual.registers import TICKS_PER_S
+from output.errors import BadCommand
+
+if TYPE_CHECKING:
+    from output.ebb.virtual.board import Board, Sent
+
+REPLY_FAULTS = frozenset({"drop_ack", "delay_ack", "dup_ack", "split"})
+WORLD_FAULTS = frozenset(
+    {"garbage", "notice", "nak", "freeze", "slow", "hangup", "hangup_and_return", "reboot", "power", "button"}
+)
+_PLACES = ("before", "inside", "after")
+_PARAMETERS = {
+    "drop_ack": set[str](),
+    "delay_ack": {"delay_s", "delay_real_s"},
+    "dup_ack": set[str](),
+    "split": {"after", "delay_s", "delay_real_s"},
+    "garbage": {"data", "place"},
+    "notice": {"text", "place"},
+    "nak": {"text"},
+    "freeze": {"for_s", "for_real_s"},
+    "slow": {"factor", "for_s", "for_real_s"},
+    "hangup": set[str](),
+    "hangup_and_return": {"after_s", "after_real_s", "pty"},
+    "reboot": {"after_s", "after_real_s", "hangup"},
+    "power": {"on", "for_s", "for_real_s"},
+    "button": set[str](),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What the server has to do: send `data` after `delay_ticks`, stop listening, or drop the port."""
+
+    data: bytes = b""
+    delay_ticks: int = 0
+    freeze_ticks: int = 0
+    hang_up: bool = False
+    back_after_ticks: int | None = None
+    link: str | None = None
+    note: str = ""
+
+
+@dataclass(slots=True)
+class Fault:
+    """One line of the script. `armed` once its moment has come, `left` times it still acts."""
+
+    name: str
+    command: int | None
+    byte: int | None
+    tick: int | None
+    stroke: int | None
+    parameters: dict[str, Any]
+    left: int = 1
+    armed: bool = False
+
+
+@dataclass(slots=True)
+class FaultScript:
+    """The faults that are still to come; `speed` converts real to board time."""
+
+    faults: list[Fault] = field(default_factory=list)
+    speed: float = 1.0
+    bytes_seen: int = 0
+    later: list[tuple[int, str, Any]] = field(default_factory=list)
+
+    @classmethod
+    def parse(cls, script: list[dict[str, Any]], speed: float) -> FaultScript:
+        """A script as described above. Raises BadCommand naming what is wrong with it."""
+        return cls([_fault(entry) for entry in script], speed)
+
+    def add(self, entry: dict[str, Any], board: Board) -> None:
+        """One more fault; without "at" it happens now."""
+        now = {"time_s": board.now / TICKS_PER_S}
+        self.faults.append(_fault({"at": now, **entry}))
+
+    # ---- when
+
+    def next_tick(self) -> int | None:
+        """The next tick at which something of the script is due by time alone."""
+        ticks = [fault.tick for fault in self.faults if fault.tick is not None and not fault.armed and fault.left]
+        ticks += [tick for tick, _, _ in self.later]
+        return min(ticks, default=None)
+
+    def incoming(self, data: bytes) -> bytes:
+        """Count bytes that reach the board, and arm what waits for them."""
+        self.bytes_seen += len(data)
+        for fault in self.faults:
+            if fault.byte is not None and fault.byte < self.bytes_seen:
+                fault.armed = True
+        return data
+
+    def due(self, board: Board) -> list[Outcome]:
+        """What happens at this tick by time, byte or stroke."""
+        outcomes: list[Outcome] = []
+        now = board.now
+        for moment in [item for item in self.later if item[0] <= now]:
+            self.later.remove(moment)
+            self._later(moment[1], moment[2], board)
+        if not self.faults:
+            return outcomes
+        strokes = sum(1 for e in board.recorder.pen_events if not e.up) if any(f.stroke is not None for f in self.faults) else 0
+        for fault in list(self.faults):
+            if (fault.tick is not None and fault.tick <= now) or (fault.stroke is not None and strokes > fault.stroke):
+                fault.armed = True
+            if fault.armed and fault.command is None and fault.name in WORLD_FAULTS - {"nak"}:
+                outcomes += self._world(fault, board, b"")
+                self._spend(fault)
+        return outcomes
+
+    def intercept(self, index: int, _line: bytes) -> bytes | None:
+        """The error text that command `index` is refused with, or None to let it through."""
+        for fault in self.faults:
+            if fault.name == "nak" and fault.left and (fault.armed or fault.command == index):
+                fault.armed = fault.left > 1
+                self._spend(fault)
+                return str(fault.parameters.get("text", "!6 Err: Invalid parameter value")).encode("latin-1")
+        return None
+
+    def outgoing(self, sent: Sent, board: Board) -> list[Outcome]:
+        """What becomes of a reply."""
+        if not self.faults:
+            return [Outcome(sent.data)]
+        outcomes = [Outcome(sent.data)]
+        index = board.recorder.commands - 1
+        for fault in list(self.faults):
+            if fault.command is not None and fault.command <= index:
+                fault.armed = True
+            if not fault.armed or not fault.left or fault.name == "nak":
+                continue
+            if fault.name in REPLY_FAULTS:
+                outcomes = self._reply(fault, outcomes)
+            else:
+                before = self._world(fault, board, sent.data)
+                gone = any(outcome.hang_up for outcome in before) or fault.parameters.get("place") == "inside"
+                after = fault.parameters.get("place") == "after"
+                outcomes = before if gone else outcomes + before if after else before + outcomes
+            self._spend(fault)
+        return outcomes
+
+    def _spend(self, fault: Fault) -> None:
+        fault.left -= 1
+        if fault.left <= 0 and fault in self.faults:
+            self.faults.remove(fault)
+
+    # ---- what
+
+    def _ticks(self, fault: Fault, name: str, default_s: float | None) -> int | None:
+        """A duration of the fault in ticks, given in board or real seconds."""
+        if f"{name}_real_s" in fault.parameters:
+            return round(float(fault.parameters[f"{name}_real_s"]) * self.speed * TICKS_PER_S)
+        seconds = fault.parameters.get(f"{name}_s", default_s)
+        return None if seconds is None else round(float(seconds) * TICKS_PER_S)
+
+    def _reply(self, fault: Fault, outcomes: list[Outcome]) -> list[Outcome]:
+        note = Outcome(note=fault.name)
+        if fault.name == "drop_ack":
+            return [note, *(outcome for outcome in outcomes if not outcome.data)]
+        if fault.name == "delay_ack":
+            delay = self._ticks(fault, "delay", 1.0) or 0
+            return [note, *(Outcome(outcome.data, delay) if outcome.data else outcome for outcome in outcomes)]
+        if fault.name == "dup_ack":
+            return [note, *outcomes, *(outcome for outcome in outcomes if outcome.data)]
+        parts: list[Outcome] = [note]
+        delay = self._ticks(fault, "delay", 0.05) or 0
+        for outcome in outcomes:
+            at = int(fault.parameters.get("after", max(1, len(outcome.data) // 2)))
+            parts += [Outcome(outcome.data[:at]), Outcome(outcome.data[at:], delay)] if outcome.data else [outcome]
+        return parts
+
+    def _world(self, fault: Fault, board: Board, reply: bytes) -> list[Outcome]:
+        """The faults that are not about one reply; `reply` is the one they come with, if any."""
+        name, given = fault.name, fault.parameters
+        note = Outcome(note=name)
+        if name in ("garbage", "notice"):
+            if name == "garbage":
+                data = str(given.get("data", "\x00\xff\x80#?")).encode("latin-1")
+            else:
+                end = "\n" if board.syntax.future else "\r\n"
+                data = (str(given.get("text", "Limit switch triggered. PortB=E5")) + end).encode("latin-1")
+            if given.get("place") == "inside" and reply:
+                middle = len(reply) // 2
+                data = reply[:middle] + data + reply[middle:]
+            return [note, Outcome(data)]
+        if name == "freeze":
+            return [Outcome(note=name, freeze_ticks=self._ticks(fault, "for", 1.0) or 0)]
+        if name in ("hangup", "hangup_and_return"):
+            back = self._ticks(fault, "after", 2.0) if name == "hangup_and_return" else None
+            return [Outcome(note=name, hang_up=True, back_after_ticks=back, link=given.get("pty"))]
+        if name == "reboot":
+            board.reboot()
+            board.usb_dropped = False
+            if given.get("hangup", True):
+                return [Outcome(note=name, hang_up=True, back_after_ticks=self._ticks(fault, "after", 1.0))]
+            return [note]
+        if name == "slow":
+            board.parse_factor = float(given.get("factor", 10.0))
+            self._undo(fault, board, "slow", 1.0)
+        elif name == "power":
+            on = bool(given.get("on", False))
+            board.switch_supply(on)
+            self._undo(fault, board, "power", not on)
+        elif name == "button":
+            board.press_button()
+        return [note]
+
+    def _undo(self, fault: Fault, board: Board, name: str, value: Any) -> None:
+        ticks = self._ticks(fault, "for", None)
+        if ticks is not None:
+            self.later.append((board.now + ticks, name, value))
+
+    @staticmethod
+    def _later(name: str, value: Any, board: Board) -> None:
+        if name == "slow":
+            board.parse_factor = value
+        else:
+            board.switch_supply(value)
+
+
+def _fault(entry: dict[str, Any]) -> Fault:
+    """One entry of a script, checked."""
+    name = entry.get("fault")
+    if name not in _PARAMETERS:
+        raise BadCommand(f"fault {name!r} is not known; choose one of {', '.join(_PARAMETERS)}")
+    at = entry.get("at", {})
+    if not isinstance(at, dict) or len(at) != 1 or not set(at) <= {"command", "byte", "time_s", "stroke"}:
+        raise BadCommand(f"fault {name}: `at` is {at!r}; give one of command, byte, time_s or stroke")
+    parameters = {key: value for key, value in entry.items() if key not in ("fault", "at", "times")}
+    unknown = set(parameters) - _PARAMETERS[name]
+    if unknown:
+        known = ", ".join(sorted(_PARAMETERS[name])) or "nothing"
+        raise BadCommand(f"fault {name}: {sorted(unknown)[0]!r} is not known; it takes {known}")
+    if parameters.get("place", "before") not in _PLACES:
+        raise BadCommand(f"fault {name}: place is {parameters['place']!r}; choose before, inside or after")
+    time_s = at.get("time_s")
+    return Fault(
+        name=name,
+        command=at.get("command"),
+        byte=at.get("byte"),
+        tick=None if time_s is None else round(float(time_s) * TICKS_PER_S),
+        stroke=at.get("stroke"),
+        parameters=parameters,
+        left=int(entry.get("times", 1)),
+    )

@@ -1,0 +1,307 @@
+"""What the virtual board did: ink, pen, moves, gaps, blocked parser, bytes. Written while it runs, put together when asked.
+
+Positions are motor steps of the paper: they go on where CS or EM set the board's own counters back to zero, and stay where
+they are while the motors have no power. Times are board ticks of 40 us since power-on.
+"""
+
+from __future__ import annotations
+
+import json
+from array import array
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from output.ebb.virtual.moves import PenMove, QueueEntry, StepperMove
+from output.ebb.virtual.registers import ONE_STEP, TICKS_PER_S
+
+if TYPE_CHECKING:
+    from output.ebb.virtual.motion import AxisRun, MotionQueue, Running
+    from output.ebb.virtual.servo import Servo
+
+INK_SAMPLE_TICKS = 25  # 1 ms
+_AXIS_FIELDS = 8  # r0, a, j, acc, base, sign, end, moves
+_ROW = 2 + 2 * _AXIS_FIELDS
+_LONGEST_VECTORED = 1 << 20  # ticks for which j t^3 still fits the closed form in int64
+_WARM_UP = 32  # stepper commands after a standstill that do not count for the lowest lead
+_NO_END = 1 << 62
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """The queue ran dry between two stepper moves: `ticks` long from `tick`. `pen_down` as commanded; `rates` at the stop."""
+
+    tick: int
+    ticks: int
+    pen_down: bool
+    rates: tuple[int, int]
+
+    @property
+    def in_motion(self) -> bool:
+        """A stutter on paper: the pen was down, or the motors were still turning."""
+        return self.pen_down or any(self.rates)
+
+
+@dataclass(slots=True)
+class PenEvent:
+    """The servo was sent to `target`: from `position` at `tick`, there at `arrival`. `up` as QP reports it."""
+
+    tick: int
+    up: bool
+    position: float
+    target: int
+    arrival: int
+
+
+@dataclass(slots=True)
+class Recorder:
+    """Collects while the board runs; cheap for each command, and no sampling before `strokes` is asked for."""
+
+    keep_wire: bool = True
+    rows: array[int] = field(default_factory=lambda: array("q"))
+    slow: dict[int, tuple[AxisRun, AxisRun]] = field(default_factory=dict)
+    paper: list[int] = field(default_factory=lambda: [0, 0])
+    pen_events: list[PenEvent] = field(default_factory=list)
+    touch_changes: list[tuple[int, bool]] = field(default_factory=list)
+    gaps: list[Gap] = field(default_factory=list)
+    lowest_lead_ticks: int | None = None
+    blocked: list[tuple[int, int]] = field(default_factory=list)
+    commands: int = 0
+    stepper_moves: int = 0
+    first_motion: int | None = None
+    last_motion: int | None = None
+    largest_rate: int = 0
+    largest_rate_jump: int = 0
+    wire: list[tuple[int, str, str]] = field(default_factory=list)
+    notes: list[tuple[int, str]] = field(default_factory=list)
+    _previous_stepper: bool = False
+    _last_rates: tuple[int, int] = (0, 0)
+    _since_standstill: int = 0
+
+    # ---- told by the board
+
+    def command(self, tick: int, line: bytes) -> None:
+        self.commands += 1
+        if self.keep_wire:
+            self.wire.append((tick, ">", line.decode("latin-1")))
+
+    def reply(self, tick: int, data: bytes) -> None:
+        if self.keep_wire:
+            self.wire.append((tick, "<", data.decode("latin-1")))
+
+    def note(self, tick: int, text: str) -> None:
+        """Something from outside: a fault, the button, the supply."""
+        self.notes.append((tick, text))
+
+    def servo_changed(self, tick: int, servo: Servo) -> None:
+        self.pen_events.append(PenEvent(tick, servo.up, servo.position(tick), servo.target, servo.travel_end()))
+        while self.touch_changes and self.touch_changes[-1][0] > tick:
+            self.touch_changes.pop()
+        touching = servo.touches(servo.position(tick))
+        if touching != (bool(self.touch_changes) and self.touch_changes[-1][1]):
+            self.touch_changes.append((tick, touching))
+        change = servo.touch_change()
+        if change is not None and change > tick:
+            self.touch_changes.append((change, not touching))
+
+    def queued(self, _tick: int, entry: QueueEntry, lead_ticks: int, idle: bool) -> None:
+        if not isinstance(entry, StepperMove):
+            return
+        self._since_standstill = 0 if idle else self._since_standstill + 1
+        if self._since_standstill > _WARM_UP and (self.lowest_lead_ticks is None or lead_ticks < self.lowest_lead_ticks):
+            self.lowest_lead_ticks = lead_ticks
+
+    def parser_was_blocked(self, since: int, until: int) -> None:
+        self.blocked.append((since, until))
+
+    def loaded(self, tick: int, entry: QueueEntry, motion: MotionQueue) -> None:
+        if not isinstance(entry, StepperMove):
+            return
+        self.stepper_moves += 1
+        if self.first_motion is None:
+            self.first_motion = tick
+        gap = tick - motion.idle_since
+        start_rates = motion.rates(tick)
+        if gap and self._previous_stepper:
+            down = bool(self.pen_events) and not self.pen_events[-1].up
+            self.gaps.append(Gap(motion.idle_since, gap, down, self._last_rates))
+        before = (0, 0) if gap or not self._previous_stepper else self._last_rates
+        jump = max(abs(start_rates[0] - before[0]), abs(start_rates[1] - before[1]))
+        self.largest_rate_jump = max(self.largest_rate_jump, jump)
+
+    def ended(self, tick: int, entry: QueueEntry) -> None:
+        self._previous_stepper = isinstance(entry, StepperMove)
+        if self._previous_stepper:
+            self.last_motion = tick
+        elif isinstance(entry, PenMove):
+            self._last_rates = (0, 0)
+
+    def stopped(self, tick: int) -> None:
+        """ES or a limit switch: what follows is no continuation."""
+        if self._previous_stepper or self.last_motion is not None:
+            self.last_motion = tick
+        self._previous_stepper = False
+        self._last_rates = (0, 0)
+
+    def counters_cleared(self) -> None:
+        """The board's counters are zero again; the paper's go on."""
+
+    def ran(self, running: Running, ticks: int, *, moving: bool) -> None:
+        axes = running.axes
+        assert axes is not None
+        self.rows.extend((running.loaded, ticks))
+        vectored = True
+        rates = []
+        for axis, run in enumerate(axes):
+            ramp = run.ramp
+            simple = not (ramp.a or ramp.j) or (ticks <= _LONGEST_VECTORED and ramp.exact_until(ticks))
+            vectored = vectored and simple and ramp.mask is None
+            end = _NO_END if run.end is None else run.end
+            self.rows.extend((ramp.r0, ramp.a, ramp.j, run.acc, self.paper[axis], run.sign, end, moving))
+            if moving:
+                self.paper[axis] += run.at(ticks)[0] - run.position
+            rates.append(run.rate(min(ticks, end)) if ticks and end >= ticks else 0)
+            self.largest_rate = max(self.largest_rate, abs(rates[-1]), abs(run.rate(1)))
+        if not vectored:
+            self.slow[len(self.rows) // _ROW - 1] = axes
+        self._last_rates = (rates[0], rates[1])
+
+    # ---- asked afterwards
+
+    def _table(self) -> NDArray[np.int64]:
+        return np.frombuffer(self.rows, dtype=np.int64).reshape(-1, _ROW) if self.rows else np.zeros((0, _ROW), np.int64)
+
+    def positions(self, ticks: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Paper positions in motor steps at board `ticks` (n,) ascending: (n, 2)."""
+        table = self._table()
+        out = np.zeros((len(ticks), 2), np.int64)
+        if not len(table):
+            return out
+        index = np.searchsorted(table[:, 0], ticks, side="right") - 1
+        for start in range(0, len(ticks), 200_000):
+            part = slice(start, start + 200_000)
+            out[part] = _positions(table, index[part], ticks[part])
+        for row, axes in self.slow.items():
+            for k in np.flatnonzero(index == row):
+                t = int(min(ticks[k] - table[row, 0], table[row, 1]))
+                for axis, run in enumerate(axes):
+                    base, moves = table[row, 2 + axis * _AXIS_FIELDS + 4], table[row, 2 + axis * _AXIS_FIELDS + 7]
+                    out[k, axis] = base + moves * (run.at(t)[0] - run.position)
+        return out
+
+    def intervals(self, *, touching: bool, now: int) -> list[tuple[int, int]]:
+        """(from, to) ticks with the pen down: as commanded, or with the servo's travel (`touching`)."""
+        if touching:
+            changes = [(tick, down) for tick, down in self.touch_changes if tick <= now]
+        else:
+            changes = [(event.tick, not event.up) for event in self.pen_events]
+        found: list[tuple[int, int]] = []
+        since: int | None = None
+        for tick, down in changes:
+            if down and since is None:
+                since = tick
+            elif not down and since is not None:
+                found.append((since, tick))
+                since = None
+        if since is not None:
+            found.append((since, now))
+        return found
+
+    def _sample_ticks(self) -> NDArray[np.int64]:
+        table = self._table()
+        if not len(table):
+            return np.zeros(0, np.int64)
+        first = -(-table[:, 0] // INK_SAMPLE_TICKS)
+        last = (table[:, 0] + table[:, 1]) // INK_SAMPLE_TICKS
+        counts = np.maximum(last - first + 1, 0)
+        offsets = np.repeat(np.cumsum(counts) - counts, counts)
+        grid = (np.repeat(first, counts) + np.arange(int(counts.sum())) - offsets) * INK_SAMPLE_TICKS
+        return np.asarray(np.unique(np.concatenate((grid, table[:, 0], table[:, 0] + table[:, 1]))))
+
+    def strokes(self, *, touching: bool, now: int) -> list[dict[str, Any]]:
+        """One entry per lowering: `down_tick`, `up_tick`, `ticks` and `points` (motor steps) where the position changed."""
+        intervals = self.intervals(touching=touching, now=now)
+        bounds = np.array(sorted({tick for pair in intervals for tick in pair}), dtype=np.int64)
+        ticks = np.unique(np.concatenate((self._sample_ticks(), bounds)))
+        points = self.positions(ticks)
+        strokes = []
+        for down, up in intervals:
+            first, last = np.searchsorted(ticks, down), np.searchsorted(ticks, up, side="right")
+            stretch = points[first:last]
+            changed = np.concatenate(([True], (np.diff(stretch, axis=0) != 0).any(axis=1)))
+            strokes.append(
+                {
+                    "down_tick": down,
+                    "up_tick": up,
+                    "ticks": ticks[first:last][changed].tolist(),
+                    "points": stretch[changed].tolist(),
+                }
+            )
+        return strokes
+
+    def moves(self) -> list[list[int]]:
+        """Each executed stretch of a stepper move: start tick, ticks, and paper positions at its start and end."""
+        table = self._table()
+        if not len(table):
+            return []
+        ends = self.positions_at_ends(table)
+        base = table[:, [2 + 4, 2 + _AXIS_FIELDS + 4]]
+        return [list(map(int, row)) for row in np.column_stack((table[:, :2], base, ends))]
+
+    def positions_at_ends(self, table: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Paper positions after each stretch (n, 2): where the next one starts, and where the paper is now."""
+        base = table[:, [2 + 4, 2 + _AXIS_FIELDS + 4]]
+        return np.concatenate((base[1:], np.array([self.paper], np.int64)))
+
+    def summary(self, now: int) -> dict[str, Any]:
+        """All of the record as plain values."""
+        stutters = [gap for gap in self.gaps if gap.in_motion]
+        first, last = self.first_motion, self.last_motion
+        return {
+            "ticks_per_s": TICKS_PER_S,
+            "now_tick": now,
+            "commands": self.commands,
+            "stepper_moves": self.stepper_moves,
+            "first_motion_tick": first,
+            "last_motion_tick": last,
+            "motion_ticks": 0 if first is None or last is None else last - first,
+            "underruns": len(stutters),
+            "underrun_ticks": sum(gap.ticks for gap in stutters),
+            "gaps": [[gap.tick, gap.ticks, gap.pen_down, *gap.rates] for gap in self.gaps],
+            "lowest_lead_ticks": self.lowest_lead_ticks,
+            "parser_blocked": [[since, until] for since, until in self.blocked],
+            "largest_step_rate_hz": self.largest_rate * TICKS_PER_S / ONE_STEP,
+            "largest_step_rate_jump_hz": self.largest_rate_jump * TICKS_PER_S / ONE_STEP,
+            "pen_events": [[e.tick, "up" if e.up else "down", e.position, e.target, e.arrival] for e in self.pen_events],
+            "paper_position": list(self.paper),
+            "notes": [list(note) for note in self.notes],
+            "moves": self.moves(),
+            "ink": self.strokes(touching=False, now=now),
+            "ink_touching": self.strokes(touching=True, now=now),
+            "wire": [list(line) for line in self.wire],
+        }
+
+    def write(self, path: Path, now: int, state: dict[str, Any]) -> None:
+        """The record and the board's `state` as JSON; complete when it appears under `path`."""
+        partial = path.with_name(path.name + ".partial")
+        partial.write_text(json.dumps({**state, **self.summary(now)}, separators=(",", ":")))
+        partial.replace(path)
+
+
+def _positions(table: NDArray[np.int64], index: NDArray[np.intp], ticks: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The closed form of the step interrupt, vectored; int64 products may wrap, their sums do not."""
+    rows = table[np.maximum(index, 0)]
+    ran = np.where(index < 0, 0, np.minimum(ticks - rows[:, 0], rows[:, 1]))
+    out = np.empty((len(ticks), 2), np.int64)
+    for axis in (0, 1):
+        r0, a, j, acc, base, sign, end, moves = rows[:, 2 + axis * _AXIS_FIELDS : 2 + (axis + 1) * _AXIS_FIELDS].T
+        t = np.minimum(ran, end)
+        pairs = t * (t + 1) // 2
+        triples = ((t - 1) * t // 2) * (t + 1) // 3
+        with np.errstate(over="ignore"):
+            phase = acc + r0 * t + a * pairs + j * triples
+        out[:, axis] = base + moves * sign * (phase >> 31)
+    return out

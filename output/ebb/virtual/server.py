@@ -1,0 +1,273 @@
+"""Runs a virtual board on a pseudo-terminal by the clock, real or `speed` times faster.
+
+The board executes by its own clock: what the host sends late is late. Where this process itself is late (it wakes up after
+the time it asked for), the board's clock loses that time instead, so that a busy machine is not taken for a slow host; the
+sum is recorded as `clock_slip_s`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from output.ebb.virtual.board import Board, Sent
+from output.ebb.virtual.faults import FaultScript, Outcome
+from output.ebb.virtual.pseudo_terminal import PseudoTerminal
+from output.ebb.virtual.registers import TICKS_PER_S
+
+USB_PACKET = 64
+LONGEST_WAIT_S = 0.02
+LATENESS_S = 0.002
+
+
+@dataclass(slots=True)
+class _Pending:
+    """Bytes to the host that are due at a tick."""
+
+    tick: int
+    data: bytes
+
+
+class Server:
+    """One board, its wire, its faults and its control channel.
+
+    `control` is a file descriptor with one command a line (see `_control_line`); its answers go to `answers`, as JSON lines.
+    The end of `control` stops the server.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        link: Path | None,
+        *,
+        speed: float,
+        record: Path | None,
+        faults: FaultScript,
+        control: int | None = None,
+        answers: int = 1,
+    ) -> None:
+        self.board = board
+        self.wire: PseudoTerminal | None = PseudoTerminal(link)
+        self._link = link
+        self._speed = speed
+        self._record = record
+        self._faults = faults
+        board.intercept = faults.intercept
+        self._control = control
+        self._answers = answers
+        self._control_text = b""
+        self._selector = selectors.DefaultSelector()
+        if control is not None:
+            self._selector.register(control, selectors.EVENT_READ)
+        self._watching: int | None = None
+        self._pending: deque[_Pending] = deque()
+        self._unwritten = b""
+        self._exact_tick = 0.0
+        self._stopping = False
+        self._back_at: int | None = None
+        self._frozen_until: int | None = None
+        self.clock_slip_s = 0.0
+
+    # ---- the loop
+
+    def run(self) -> None:
+        """Serve until told to stop, then write the record."""
+        last_s = time.monotonic()
+        try:
+            while not self._stopping:
+                self._watch_wire()
+                wait_s = self._wait_s()
+                ready = self._selector.select(wait_s)
+                now_s = time.monotonic()
+                elapsed_s = now_s - last_s
+                last_s = now_s
+                allowed_s = wait_s + LATENESS_S
+                if elapsed_s > allowed_s:
+                    self.clock_slip_s += elapsed_s - allowed_s
+                    elapsed_s = allowed_s
+                self._exact_tick += elapsed_s * TICKS_PER_S * self._speed
+                self._advance(int(self._exact_tick))
+                if any(key.fd == self._control for key, _ in ready):
+                    self._read_control()
+        finally:
+            self.close()
+
+    def stop(self) -> None:
+        """Leave the loop at its next turn."""
+        self._stopping = True
+
+    def close(self) -> None:
+        """Write the record and take the wire away."""
+        if self._record is not None:
+            self.write_record(self._record)
+        if self.wire is not None:
+            self._unwatch()
+            self.wire.hang_up()
+            self.wire = None
+
+    def write_record(self, path: Path) -> None:
+        """The record up to now."""
+        state = {**self.board.state(), "speed": self._speed, "clock_slip_s": self.clock_slip_s}
+        self.board.recorder.write(path, self.board.now, state)
+
+    def _watch_wire(self) -> None:
+        """Be woken by bytes only while the board would take them: a busy board leaves them in the host's kernel."""
+        if self.wire is not None and self.board.wants_bytes and self._frozen_until is None:
+            if self._watching is None:
+                self._watching = self.wire.fd
+                self._selector.register(self.wire.fd, selectors.EVENT_READ)
+        else:
+            self._unwatch()
+
+    def _unwatch(self) -> None:
+        if self._watching is not None:
+            self._selector.unregister(self._watching)
+            self._watching = None
+
+    def _wait_s(self) -> float:
+        events = [self.board.next_event(), self._back_at, self._frozen_until, self._faults.next_tick()]
+        if self._pending:
+            events.append(self._pending[0].tick)
+        soonest = min((event for event in events if event is not None), default=None)
+        if soonest is None:
+            return LONGEST_WAIT_S
+        return min(LONGEST_WAIT_S, max(0.0, (soonest - self._exact_tick) / (TICKS_PER_S * self._speed)))
+
+    def _advance(self, target: int) -> None:
+        """Let the board live until `target`, feeding it whenever it is ready to take bytes on the way."""
+        board = self.board
+        dry = False
+        while True:
+            if not dry and self.wire is not None and board.wants_bytes and self._frozen_until is None:
+                data = self.wire.read(USB_PACKET)
+                dry = not data
+                if data:
+                    board.feed(self._faults.incoming(data))
+            event = board.next_event()
+            faulty = self._faults.next_tick()
+            stops = [tick for tick in (event, faulty, self._back_at, self._frozen_until) if tick is not None and tick <= target]
+            board.advance_to(min(stops, default=target))
+            self._outside_events()
+            self._collect()
+            if not stops:
+                break
+        self._flush()
+
+    # ---- to the host
+
+    def _collect(self) -> None:
+        for sent in self.board.output():
+            self._pass_on(sent)
+        if self.board.usb_dropped:
+            self.board.usb_dropped = False
+            self._drop_usb(None if self.board.in_bootloader else self.board.now + TICKS_PER_S)
+
+    def _pass_on(self, sent: Sent) -> None:
+        for outcome in self._faults.outgoing(sent, self.board):
+            self._act(outcome)
+
+    def _flush(self) -> None:
+        while self._pending and self._pending[0].tick <= self.board.now:
+            item = self._pending.popleft()
+            self._unwritten += item.data
+            self.board.recorder.reply(item.tick, item.data)
+        if self._unwritten and self.wire is not None:
+            taken = self.wire.write(self._unwritten)
+            self._unwritten = self._unwritten[taken:]
+
+    # ---- faults and the world outside
+
+    def _outside_events(self) -> None:
+        now = self.board.now
+        if self._frozen_until is not None and self._frozen_until <= now:
+            self._frozen_until = None
+        if self._back_at is not None and self._back_at <= now:
+            self._back_at = None
+            self.wire = PseudoTerminal(self._link)
+        for outcome in self._faults.due(self.board):
+            self._act(outcome)
+
+    def _act(self, outcome: Outcome) -> None:
+        """Do what a fault (or nothing special: a plain reply) asks for."""
+        board = self.board
+        if outcome.note:
+            board.recorder.note(board.now, outcome.note)
+        if outcome.data:
+            # Replies stay in order: nothing overtakes what is already on its way.
+            tick = board.now + outcome.delay_ticks
+            if self._pending:
+                tick = max(tick, self._pending[-1].tick)
+            self._pending.append(_Pending(tick, outcome.data))
+        if outcome.freeze_ticks:
+            self._frozen_until = board.now + outcome.freeze_ticks
+        if outcome.hang_up:
+            self._drop_usb(None if outcome.back_after_ticks is None else board.now + outcome.back_after_ticks, outcome.link)
+
+    def _drop_usb(self, back_at: int | None, link: str | None = None) -> None:
+        """The port goes away; with `back_at` it returns then, perhaps under another name."""
+        self._flush()
+        self._pending.clear()
+        self._unwritten = b""
+        self._unwatch()
+        if self.wire is not None:
+            self.wire.hang_up()
+            self.wire = None
+        if link is not None:
+            self._link = Path(link)
+        self._back_at = back_at
+        self.board.recorder.note(self.board.now, "usb dropped")
+
+    # ---- the control channel
+
+    def _read_control(self) -> None:
+        assert self._control is not None
+        data = os.read(self._control, 65536)
+        if not data:
+            self.stop()
+            return
+        self._control_text += data
+        *lines, self._control_text = self._control_text.split(b"\n")
+        for line in lines:
+            self._answer(self._control_line(line.decode().split()))
+
+    def _answer(self, answer: dict[str, Any]) -> None:
+        os.write(self._answers, json.dumps(answer).encode() + b"\n")
+
+    def _control_line(self, words: list[str]) -> dict[str, Any]:
+        """One control command; the answer has "error" when it was not understood."""
+        board = self.board
+        try:
+            verb, *rest = words
+            if verb == "stop":
+                self.stop()
+            elif verb == "record":
+                self.write_record(Path(" ".join(rest)))
+            elif verb == "button":
+                board.press_button()
+            elif verb == "power":
+                board.switch_supply({"on": True, "off": False}[rest[0]])
+            elif verb == "wire":
+                board.wire_pin(rest[0].upper(), int(rest[1]), rest[2] == "1")
+            elif verb == "reboot":
+                board.reboot()
+                self._collect()
+            elif verb == "hangup":
+                self._drop_usb(board.now + round(float(rest[0]) * TICKS_PER_S) if rest else None, rest[1] if rest[1:] else None)
+            elif verb == "return":
+                self._back_at = board.now
+            elif verb == "fault":
+                self._faults.add(json.loads(" ".join(rest)), board)
+            elif verb != "state":
+                return {"error": f"unknown control command {verb!r}"}
+            if verb not in ("state", "record", "stop"):
+                board.recorder.note(board.now, " ".join(words))
+        except (ValueError, KeyError, IndexError) as problem:
+            return {"error": f"control command {' '.join(words)!r}: {problem!r}"}
+        port = None if self.wire is None else self.wire.port
+        return {"now_tick": board.now, "port": port, **board.state()}
