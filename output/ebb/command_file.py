@@ -1,0 +1,153 @@
+"""The command file: text, one board command a line exactly as sent; comments start with `#`.
+
+    # plotter command file
+    # machine: axidraw-v3              header: `key: value`, before the first command
+    SC,4,16000
+    # layer 1 outlines                 marks
+    # stroke 12
+    SP,0,120
+    T3,250,...
+    # end 12 steps 800 -40             the stroke is drawn; both motors' steps there
+    # pause change to red              wait, pen up, for the operator
+
+Other comments and empty lines are skipped, so that a file from any program, or without any comment, can be read. The same
+program gives the same bytes: nothing here looks at a clock.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+from typing import IO, NamedTuple, TextIO
+
+from output.ebb.commands import Command
+from output.ebb.commands_text import parse_command
+from output.ebb.program import LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
+from output.errors import BadCommand
+
+TITLE = "plotter command file"
+
+_KEY = re.compile(r"#\s*([A-Za-z][\w .-]*?)\s*:\s*(.*)$")
+_LAYER = re.compile(r"#\s*layer (\d+)(?: (.*))?$")
+_STROKE = re.compile(r"#\s*stroke (-?\d+)$")
+_END = re.compile(r"#\s*end (-?\d+) steps (-?\d+) (-?\d+)$")
+_PAUSE = re.compile(r"#\s*pause(?: (.*))?$")
+_LONGEST_LINE = 4096
+
+
+class Line(NamedTuple):
+    """One command or mark and the number of its line, from 1."""
+
+    number: int
+    item: Command | Mark
+
+
+def write_command_file(target: str | Path | TextIO, header: Mapping[str, object], program: Iterable[Command | Mark]) -> int:
+    """Write the program below its header, in order; returns the number of commands. Streams: the program is not kept."""
+    with _opened(target, "w") as file:
+        file.write(f"# {TITLE}\n")
+        for key, value in header.items():
+            file.write(f"# {key}: {_one_line(value)}\n")
+        count = 0
+        for item in program:
+            if isinstance(item, Command):
+                file.write(item.wire() + "\n")
+                count += 1
+            else:
+                file.write(mark_line(item) + "\n")
+        return count
+
+
+def mark_line(mark: Mark) -> str:
+    """The comment that stands for a mark."""
+    match mark:
+        case LayerMark(number=number, name=name):
+            return f"# layer {number} {_one_line(name)}".rstrip()
+        case StrokeMark(index=index):
+            return f"# stroke {index}"
+        case StrokeEnd(index=index, steps=steps):
+            return f"# end {index} steps {steps[0]} {steps[1]}"
+        case PauseMark(message=message):
+            return f"# pause {_one_line(message)}".rstrip()
+
+
+def read_command_file(source: str | Path | TextIO, problems: list[str] | None = None) -> tuple[dict[str, str], Iterator[Line]]:
+    """The header, and the commands and marks with their line numbers, read as they are asked for.
+
+    A line that is neither raises BadCommand with its number, or, when `problems` is given, is said there and skipped.
+    Raises BadCommand for what is not text, OSError for what cannot be opened.
+    """
+    lines = _numbered(source)
+    header: dict[str, str] = {}
+    first: list[tuple[int, str]] = []
+    for number, text in lines:
+        if text and not text.startswith("#"):
+            first = [(number, text)]
+            break
+        if _mark(text) is not None:
+            first = [(number, text)]
+            break
+        if key := _KEY.match(text):
+            header[key[1]] = key[2].strip()
+    return header, _parsed(chain(first, lines), problems)
+
+
+def _parsed(lines: Iterable[tuple[int, str]], problems: list[str] | None) -> Iterator[Line]:
+    for number, text in lines:
+        if not text:
+            continue
+        if text.startswith("#"):
+            if (mark := _mark(text)) is not None:
+                yield Line(number, mark)
+            continue
+        try:
+            yield Line(number, parse_command(text))
+        except BadCommand as error:
+            if problems is None:
+                raise BadCommand(f"line {number}: {error}") from None
+            problems.append(f"line {number}: {error}")
+
+
+def _mark(text: str) -> Mark | None:
+    if match := _STROKE.match(text):
+        return StrokeMark(int(match[1]))
+    if match := _END.match(text):
+        return StrokeEnd(int(match[1]), (int(match[2]), int(match[3])))
+    if match := _LAYER.match(text):
+        return LayerMark(int(match[1]), match[2] or "")
+    if match := _PAUSE.match(text):
+        return PauseMark(match[1] or "")
+    return None
+
+
+def _numbered(source: str | Path | TextIO) -> Iterator[tuple[int, str]]:
+    with _opened(source, "r") as file:
+        number = 0
+        try:
+            while line := file.readline(_LONGEST_LINE):
+                number += 1
+                if len(line) >= _LONGEST_LINE:
+                    raise BadCommand(f"line {number} is longer than {_LONGEST_LINE} characters; this is not a command file")
+                if "\0" in line:
+                    raise BadCommand(f"line {number} has a zero byte; this is not a command file")
+                yield number, line.strip().removeprefix("\ufeff")
+        except UnicodeDecodeError:
+            raise BadCommand(f"line {number + 1} is not text (UTF-8); this is not a command file") from None
+
+
+@contextmanager
+def _opened(target: str | Path | TextIO, mode: str) -> Iterator[IO[str]]:
+    """The stream itself, or the file at a path, closed afterwards."""
+    if isinstance(target, str | Path):
+        newline = "\n" if mode == "w" else None
+        with Path(target).open(mode, encoding="utf-8", newline=newline) as file:
+            yield file
+    else:
+        yield target
+
+
+def _one_line(value: object) -> str:
+    return " ".join(str(value).split())

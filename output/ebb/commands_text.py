@@ -1,0 +1,64 @@
+"""A line of text to a command: the closed set by name, the board's number syntax, the checksum form."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import MISSING, fields
+
+from output.ebb import commands, commands_pins
+from output.ebb.commands import Command
+from output.errors import BadCommand
+
+
+def _kinds() -> dict[str, type[Command]]:
+    values = [*vars(commands).values(), *vars(commands_pins).values()]
+    found = [v for v in values if isinstance(v, type) and issubclass(v, Command)]
+    return {kind.name: kind for kind in found if kind.name and kind is not commands_pins.OldS2}
+
+
+# Every command by its name; S2 is that of 2.2.0 and newer.
+KINDS: dict[str, type[Command]] = _kinds()
+
+_NUMBER = re.compile(r"-?\d{1,10}$")
+_TEXT_FIELDS = {"port", "character", "upper", "tag"}
+
+
+def parse_command(line: str) -> Command:
+    """The command that `line` (without its line ending) says. Names are case-insensitive, as for the board.
+
+    Raises BadCommand: an unknown name, a parameter that is no number, too many, too few, or one out of its range.
+    """
+    name, *words = line.strip().split(",")
+    kind = KINDS.get(name.upper())
+    if kind is None:
+        raise BadCommand(f"{name!r} is not a command of the EBB; see docs/ebb-protocol.md for those that are")
+    known = fields(kind)
+    required = sum(field.default is MISSING for field in known)
+    if len(words) > len(known):
+        raise BadCommand(f"{kind.name} has {len(words)} parameters, at most {len(known)} are allowed; leave the others out")
+    if len(words) < required:
+        raise BadCommand(f"{kind.name} has {len(words)} parameters, {required} are needed ({_signature(kind)})")
+    values: list[int | str] = []
+    for field, word in zip(known, words, strict=False):
+        if field.name in _TEXT_FIELDS:
+            values.append(word.upper() if field.name in ("port", "upper") else word)
+        elif _NUMBER.match(word):
+            values.append(int(word))
+        else:
+            raise BadCommand(f"{kind.name}: {field.name} is {word!r}, allowed is a whole number; write it in digits")
+    return kind(*values)
+
+
+def _signature(kind: type[Command]) -> str:
+    words = [f.name if f.default is MISSING else f"[{f.name}]" for f in fields(kind)]
+    return ",".join([kind.name, *words])
+
+
+def checksum(wire: str) -> int:
+    """The number that `CU,54,1` wants after a last comma: minus the sum of the bytes as sent, modulo 256."""
+    return -sum(wire.encode("ascii")) & 255
+
+
+def with_checksum(wire: str) -> str:
+    """The command as it is sent while checksums are on."""
+    return f"{wire},{checksum(wire)}"
