@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
@@ -123,7 +124,7 @@ def read_file(file: str, options: ReadOptions) -> Drawing:
     """The drawing of `file`, `-` being standard input; its warnings go to stderr. Raises BadInput."""
     if file == "-":
         limit = options.budgets.document_bytes
-        data = click.get_binary_stream("stdin").read(limit + 1)
+        data = sys.stdin.buffer.read(limit + 1)
         drawing = read_drawing(data, options)
     else:
         drawing = read_drawing(Path(file), options)

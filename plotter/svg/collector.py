@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from plotter.errors import BadInput
+from plotter.svg.clip import Clip
+from plotter.svg.dashes import Dashes
 from plotter.svg.flatten import PointBudget, Polylines, flatten
 from plotter.svg.matrix import Matrix
 from plotter.svg.notes import Notes
@@ -25,14 +27,24 @@ _DASHED_FINER = 16.0
 
 @dataclass(slots=True)
 class Shape:
-    """One drawn shape: all but its outline."""
+    """One drawn shape: all but its outline. `order` is its place in the painting order, -1 where that is its index;
+    `color` overrides the style's."""
 
+    element: Any
     style: Style
     layer: int
     matrix: Matrix
-    clips: tuple[Any, ...] = ()
-    path_length: str | None = None
-    drawn: bool = True
+    clips: tuple[Clip, ...] = ()
+    dashes: Dashes | None = None
+    order: int = -1
+    color: str | None = None
+
+
+@dataclass(slots=True)
+class Spent:
+    """What one reading has made so far, shared by all its collectors."""
+
+    points: int = 0
 
 
 @dataclass(slots=True)
@@ -48,14 +60,14 @@ class _Batch:
 class Collector:
     """Takes outlines in document order; `finish` gives polylines, whose `path` is an index into `shapes`."""
 
-    def __init__(self, options: ReadOptions, notes: Notes, name_of: Callable[[int], str]) -> None:
+    def __init__(self, options: ReadOptions, notes: Notes, name_of: Callable[[Any], str], spent: Spent) -> None:
         self.shapes: list[Shape] = []
         self._done: list[Polylines] = []
         self._batch = _Batch()
         self._options = options
         self._notes = notes
-        self._name_of = name_of
-        self._points = 0
+        self._name_element = name_of
+        self._spent = spent
         self._first = 0
 
     def add_path(self, shape: Shape, data: str) -> None:
@@ -77,6 +89,14 @@ class Collector:
         if len(batch.numbers) > _BATCH_NUMBERS:
             self._flush()
 
+    def reserve(self, shape: Shape) -> int:
+        """A place in the painting order for a shape whose outline comes later, or never."""
+        self.shapes.append(shape)
+        return len(self.shapes) - 1
+
+    def _name_of(self, index: int) -> str:
+        return self._name_element(self.shapes[index].element)
+
     def finish(self) -> list[Polylines]:
         self._flush()
         return self._done
@@ -96,13 +116,13 @@ class Collector:
         tolerance = np.array([self._tolerance_mm(shape) for shape in shapes])
         budget = self._options.budgets.points
         try:
-            made = flatten(segments, matrix, tolerance, budget - self._points)
+            made = flatten(segments, matrix, tolerance, budget - self._spent.points)
         except PointBudget as error:
             raise BadInput(
-                f"the drawing has at least {self._points + error.args[0]} points and the limit is {budget}; "
+                f"the drawing has at least {self._spent.points + error.args[0]} points and the limit is {budget}; "
                 "raise --max-points or --tolerance-curve"
             ) from None
-        self._points += len(made.points)
+        self._spent.points += len(made.points)
         if not np.isfinite(made.points).all():
             bad = int(np.flatnonzero(~np.isfinite(made.points).all(axis=1))[0])
             shape = int(made.path[np.searchsorted(made.offset, bad, "right") - 1])
@@ -113,8 +133,7 @@ class Collector:
         self._done.append(made)
 
     def _tolerance_mm(self, shape: Shape) -> float:
-        dashed = "stroke-dasharray" in shape.style.inherited
-        return self._options.tolerance_mm / (_DASHED_FINER if dashed else 1.0)
+        return self._options.tolerance_mm / (_DASHED_FINER if shape.dashes is not None else 1.0)
 
     def _check_finite(self, commands: Commands, first: int) -> None:
         if np.isfinite(commands.numbers).all():

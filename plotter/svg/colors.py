@@ -18,6 +18,7 @@ class Paint:
     color: str | None
     opaque: bool
     server: str | None = None
+    has_fallback: bool = False
 
 
 _URL = re.compile(r"url\(\s*[\"']?([^\"')]*)[\"']?\s*\)\s*(.*)$", re.DOTALL)
@@ -36,7 +37,7 @@ def parse_paint(text: str, current_color: str) -> Paint | None:
         if match is None:
             return None
         fallback = parse_paint(match[2], current_color) if match[2] else None
-        return Paint(fallback.color if fallback else None, True, match[1].lstrip("#"))
+        return Paint(fallback.color if fallback else None, True, match[1].lstrip("#"), fallback is not None)
     if text.lower() == "currentcolor":
         return parse_paint(current_color, "black")
     if text.startswith(("context-fill", "context-stroke")):

@@ -224,6 +224,19 @@ def _steps(last: Ints, pieces: Ints) -> tuple[Ints, Ints, Floats]:
     return row, (last - pieces)[row] + step, step / pieces[row]
 
 
+def tangents(segments: Segments) -> tuple[Floats, Floats]:
+    """Directions (not normalised) in which each segment arrives at its end and leaves its start, in user units; zero for a
+    segment without length."""
+    points = segments.points.copy()
+    straight = (segments.kind == LINE) | (segments.kind == ARC)
+    points[straight, 1], points[straight, 2] = points[straight, 0], points[straight, 3]
+    quadratic = segments.kind == QUADRATIC
+    points[quadratic, 2] = points[quadratic, 1]
+    rows = np.flatnonzero(segments.kind == ARC)
+    arcs = _Arcs(rows, segments.centre, segments.axis_u, segments.axis_v, segments.angle, segments.sweep)
+    return _tangents(points, arcs)
+
+
 def _tangents(points: Floats, arcs: _Arcs) -> tuple[Floats, Floats]:
     """Directions (not normalised) in which each segment arrives at its end and leaves its start."""
     leaving = points[:, 1] - points[:, 0]

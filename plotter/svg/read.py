@@ -7,9 +7,9 @@ from typing import Any
 
 from planning.geometry.stroke import Layer, Stroke
 from plotter.errors import BadInput
+from plotter.svg.assemble import Assembly
 from plotter.svg.document import parse_document
 from plotter.svg.drawing import Drawing, LayerFacts
-from plotter.svg.flatten import Polylines
 from plotter.svg.layers import FileLayer, Layering
 from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
@@ -35,9 +35,9 @@ def read_drawing(source: Path | bytes, options: ReadOptions | None = None) -> Dr
     layering = Layering(root, options.layers, notes)
     walk = Walk(root, cascade, layering, options, notes)
     walk.run()
-    strokes: list[list[Stroke]] = [[] for _ in layering.layers]
-    for polylines in walk.collector.finish():
-        _collect(polylines, walk, strokes)
+    made = walk.collector.finish()
+    assembly = Assembly(options, notes, (walk.width_mm, walk.height_mm), walk.collector.shapes)
+    strokes = assembly.strokes(made, len(layering.layers))
     layers = tuple(
         _layer(number, layer, tuple(drawn))
         for number, (layer, drawn) in enumerate(zip(layering.layers, strokes, strict=True), 1)
@@ -76,17 +76,3 @@ def _style_texts(root: Any) -> list[str]:
 def _layer(number: int, layer: FileLayer, strokes: tuple[Stroke, ...]) -> Layer:
     colors = {stroke.color for stroke in strokes}
     return Layer(number, layer.name, strokes, colors.pop() if len(colors) == 1 else None, layer.pause_before)
-
-
-def _collect(polylines: Polylines, walk: Walk, strokes: list[list[Stroke]]) -> None:
-    """Strokes of each polyline, put into their layers."""
-    shapes = walk.collector.shapes
-    offset = polylines.offset.tolist()
-    points, corner = polylines.points, polylines.corner
-    for i, (owner, dot) in enumerate(zip(polylines.path.tolist(), polylines.dot.tolist(), strict=True)):
-        shape = shapes[owner]
-        style = shape.style
-        if dot and (style.stroke is None or style.inherited.get("stroke-linecap", "butt") == "butt"):
-            continue
-        begin, end = offset[i], offset[i + 1]
-        strokes[shape.layer].append(Stroke(points[begin:end], corner[begin:end], style.color))

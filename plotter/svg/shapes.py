@@ -84,3 +84,38 @@ def points_as_path(text: str, *, closed: bool) -> str:
 
 
 SHAPES: dict[str, Callable[[Get, Frame], Outline | None]] = {"rect": rect, "circle": circle, "ellipse": ellipse, "line": line}
+
+
+def _path(attributes: dict[str, str]) -> str:
+    data = attributes.get("d", "").strip()
+    if data.startswith("path("):
+        data = data[5:].rstrip(") \t\r\n").strip("\"'")
+    return "" if data == "none" else data
+
+
+# Shapes whose outline is a text.
+OUTLINES: dict[str, Callable[[dict[str, str]], str]] = {
+    "path": _path,
+    "polyline": lambda attributes: points_as_path(attributes.get("points", ""), closed=False),
+    "polygon": lambda attributes: points_as_path(attributes.get("points", ""), closed=True),
+}
+
+
+_ARGUMENTS = {"M": 2, "L": 2, "H": 1, "V": 1, "A": 7, "Z": 0}
+
+
+def path_text(codes: bytes, numbers: list[float]) -> str:
+    """An Outline as path data."""
+    words: list[str] = []
+    at = 0
+    for letter in codes.decode():
+        count = _ARGUMENTS[letter]
+        words += [
+            letter,
+            *(
+                f"{value:g}" if letter == "A" and i in (3, 4) else repr(value)
+                for i, value in enumerate(numbers[at : at + count])
+            ),
+        ]
+        at += count
+    return " ".join(words)

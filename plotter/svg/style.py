@@ -139,7 +139,7 @@ def _paint(text: str, color: str, *opacities: str | None) -> Paint | None:
             if opacity == 0:
                 return None
             if opacity < 1 and paint.opaque:
-                paint = Paint(paint.color, False, paint.server)
+                paint = Paint(paint.color, False, paint.server, paint.has_fallback)
     return paint
 
 

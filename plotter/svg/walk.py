@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from plotter.errors import BadInput
-from plotter.svg.collector import Collector, Shape
+from plotter.svg.clip import Clip
+from plotter.svg.clip_paths import ClipPaths
+from plotter.svg.collector import Collector, Shape, Spent
+from plotter.svg.colors import Paint
+from plotter.svg.context import Context, PendingText
+from plotter.svg.dashes import dashes_of
 from plotter.svg.document import SVG, XLINK
+from plotter.svg.flatten import Polylines
 from plotter.svg.layers import Layering
 from plotter.svg.lengths import MM_PER_IN, Frame, NotFinite, parse_length
+from plotter.svg.marker_walk import Markers
 from plotter.svg.matrix import IDENTITY, Matrix, is_singular, multiply, parse_transform, translation
 from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
-from plotter.svg.shapes import SHAPES, points_as_path
+from plotter.svg.shapes import OUTLINES, SHAPES, path_text
 from plotter.svg.style import GEOMETRY, Cascade, Style, root_style
 from plotter.svg.viewport import fit_view_box, parse_view_box
 
@@ -51,20 +59,6 @@ _NEVER = frozenset(
 _NO_SIZE_PX = 100.0
 
 
-@dataclass(frozen=True, slots=True)
-class Context:
-    """What an element inherits from where it stands. `matrix` maps user units to page millimetres; `level` counts nesting."""
-
-    matrix: Matrix
-    style: Style
-    frame: Frame
-    layer: int | None = None
-    clips: tuple[Any, ...] = ()
-    level: int = 0
-    uses: tuple[Any, ...] = ()
-    host: Any = None
-
-
 class Walk:
     """Walks one document. After `run`, the outlines are with the collector and the layers with `layering`."""
 
@@ -74,13 +68,18 @@ class Walk:
         self.layering = layering
         self.options = options
         self.notes = notes
-        self.collector = Collector(options, notes, self.shape_name)
+        self.spent = Spent()
+        self.collector = Collector(options, notes, self.name, self.spent)
         self.width_mm = self.height_mm = 0.0
-        self._elements: list[Any] = []
+        self.texts: list[PendingText] = []
+        self.clip_paths = ClipPaths(self)
+        self.markers = Markers(self)
+        self._gathering = False
+        self._root_style: Style | None = None
         self._kinds: dict[Any, str] = {}
         self._transforms: dict[str, Matrix | None] = {}
         self._by_id: dict[str, Any] | None = None
-        self._use_count = 0
+        self.use_count = 0
         self._element_count = 0
 
     # ---- page
@@ -89,14 +88,14 @@ class Walk:
         """Raises BadInput."""
         px_per_in = self.options.px_per_in
         mm = MM_PER_IN / px_per_in
-        box = self._view_box(self.root)
+        box = self.view_box(self.root)
         outer = Frame(box[2] if box else _NO_SIZE_PX, box[3] if box else _NO_SIZE_PX, 16.0, px_per_in)
         width, height = self._page_size(box, outer)
         self.width_mm, self.height_mm = width * mm, height * mm
         inner = Frame(width, height, 16.0, px_per_in)
         style = self.cascade.style(self.root, "svg", self.root.items(), root_style(inner), inner)
         matrix: Matrix = (mm, 0.0, 0.0, mm, 0.0, 0.0)
-        own = self._own_transform(self.root, style, inner)
+        own = self.own_transform(self.root, style, inner)
         if own is not None:
             matrix = multiply(matrix, own)
         if box is not None and box[2] > 0 and box[3] > 0:
@@ -132,7 +131,7 @@ class Walk:
             raise BadInput(f"the page is {width:g} px wide and {height:g} px high; give the <svg> a positive width and height")
         return width, height
 
-    def _view_box(self, element: Any) -> Any:
+    def view_box(self, element: Any) -> Any:
         try:
             return parse_view_box(element.get("viewBox"))
         except NotFinite:
@@ -150,7 +149,7 @@ class Walk:
         tag = element.tag
         kind = self._kinds.get(tag)
         if kind is None:
-            kind = self._kinds[tag] = self._kind(tag)
+            kind = self._kinds[tag] = self.kind(tag)
         if not kind or kind in _NEVER:
             return
         self._element_count += 1
@@ -169,15 +168,21 @@ class Walk:
         attributes = dict(items)
         matrix = context.matrix
         if "transform" in attributes or "transform" in style.own:
-            own = self._own_transform(element, style, context.frame)
+            own = self.own_transform(element, style, context.frame)
             if own is None:
                 own = IDENTITY
             matrix = multiply(matrix, own)
             if is_singular(matrix):
                 self.notes.add("{count} elements have a transform that leaves them no area and were left out")
                 return
-        if kind in SHAPES or kind in ("path", "polyline", "polygon"):
-            self._shape(element, kind, attributes, style, matrix, context)
+        clips = context.clips
+        if style.own and not self._gathering:
+            if not self._notes_on_effects(element, kind, style):
+                return
+            if "clip-path" in style.own:
+                clips = self.clip_paths.add(clips, element, kind, attributes, style, matrix, context)
+        if kind in SHAPES or kind in OUTLINES:
+            self.shape(element, kind, attributes, style, matrix, clips, context)
             return
         if context.level >= self.options.budgets.nesting:
             raise BadInput(
@@ -185,17 +190,17 @@ class Walk:
                 "raise --max-nesting (at most 400) or flatten its groups"
             )
         frame = context.frame if style.font_px == context.frame.font_px else replace(context.frame, font_px=style.font_px)
-        inner = Context(matrix, style, frame, context.layer, context.clips, context.level + 1, context.uses, context.host)
-        self._container(element, kind, inner)
+        inner = Context(matrix, style, frame, context.layer, clips, context.level + 1, context.uses)
+        self.container(element, kind, inner)
 
-    def _kind(self, tag: Any) -> str:
+    def kind(self, tag: Any) -> str:
         """The local name of an SVG element; empty for what is none."""
         if not isinstance(tag, str):
             return ""
         space, _, local = tag.rpartition("}")
         return local if space in ("", "{" + SVG) else ""
 
-    def _container(self, element: Any, kind: str, inner: Context) -> None:
+    def container(self, element: Any, kind: str, inner: Context) -> None:
         if kind in _CONTAINERS:
             if inner.layer is None and not inner.uses:
                 inner = replace(inner, layer=self.layering.enter(element, inner.level, None, hidden=False))
@@ -209,7 +214,7 @@ class Walk:
         elif kind == "svg":
             self._viewport(element, inner, element.get("width"), element.get("height"))
         elif kind == "use":
-            self._use(element, inner)
+            self.use(element, inner)
         elif kind == "switch":
             self._switch(element, inner)
         elif kind == "image":
@@ -217,14 +222,14 @@ class Walk:
         elif kind == "foreignObject":
             self.notes.add("{count} foreignObject elements (HTML inside the drawing) were left out")
         elif kind == "text":
-            self.notes.add("{count} texts were left out")
+            self._text(element, inner)
         else:
             self.notes.add("{count} unknown elements were left out ({names})", f"<{kind}>")
 
     def _switch(self, element: Any, inner: Context) -> None:
         """The first child whose conditions hold (SVG 2, 5.9)."""
         for child in element:
-            kind = self._kind(child.tag)
+            kind = self.kind(child.tag)
             if not kind or kind in _NEVER:
                 continue
             languages = child.get("systemLanguage")
@@ -235,56 +240,130 @@ class Walk:
             self.element(child, inner)
             return
 
+    def _notes_on_effects(self, element: Any, kind: str, style: Style) -> bool:
+        """Says what of an element's effects cannot be drawn; False where it is wholly transparent and so not drawn at all."""
+        own = style.own
+        if own.get("opacity") in ("0", "0%", "0.0") and kind in _CONTAINERS and self.options.hidden != "all":
+            self.notes.add("{count} groups are wholly transparent and were left out; --hidden all draws them")
+            return False
+        for effect, what in (("mask", "masks were ignored: what they hide is drawn"), ("filter", "filters were ignored")):
+            if own.get(effect, "none") != "none":
+                self.notes.add(f"{{count}} {what} ({{names}})", self.name(element))
+        return True
+
     # ---- shapes
 
-    def _shape(
-        self, element: Any, kind: str, attributes: dict[str, str], style: Style, matrix: Matrix, context: Context
+    def shape(
+        self,
+        element: Any,
+        kind: str,
+        attributes: dict[str, str],
+        style: Style,
+        matrix: Matrix,
+        clips: tuple[Clip, ...],
+        context: Context,
     ) -> None:
-        if not self._is_drawn(style):
-            return
-        layer = context.layer if context.layer is not None else self.layering.outside()
-        shape = Shape(style, layer, matrix, context.clips, attributes.get("pathLength"))
-        own = style.own
-        if kind == "path":
-            data = attributes.get("d")
-            if data:
-                self._elements.append(element)
-                self.collector.add_path(shape, data)
-            return
-        if kind in ("polyline", "polygon"):
-            data = points_as_path(attributes.get("points", ""), closed=kind == "polygon")
-            if data:
-                self._elements.append(element)
-                self.collector.add_path(shape, data)
-            return
-        if own:
-            attributes.update((name, value) for name, value in own.items() if name in GEOMETRY)
+        """Hands one shape and its markers to the collector."""
         frame = context.frame if style.font_px == context.frame.font_px else replace(context.frame, font_px=style.font_px)
+        if style.own:
+            attributes.update((name, value) for name, value in style.own.items() if name in GEOMETRY)
         try:
-            outline = SHAPES[kind](attributes.get, frame)
+            if kind in SHAPES:
+                outline = SHAPES[kind](attributes.get, frame)
+            else:
+                outline = None
+                data = OUTLINES[kind](attributes)
+            if outline is None and (kind in SHAPES or not data):
+                return
+            drawn = self._is_drawn(style)
+            layer = self.layer_of(context)
+            if drawn:
+                dashes = None
+                if "stroke-dasharray" in style.inherited and not self._gathering:
+                    dashes = dashes_of(style, frame, attributes.get("pathLength"))
+                one = Shape(element, style, layer, matrix, clips, dashes)
+                if outline is not None:
+                    self.collector.add_commands(one, *outline)
+                else:
+                    self.collector.add_path(one, data)
         except NotFinite as error:
             raise BadInput(f"{self.name(element)} has the value {str(error)!r}, which is not finite; correct it") from None
-        if outline is not None:
-            self._elements.append(element)
-            self.collector.add_commands(shape, *outline)
+        if not self._gathering and style.visible and self.markers.wanted(kind, style):
+            here = Context(matrix, style, frame, layer, clips, context.level + 1, context.uses)
+            self.markers.draw(element, data if outline is None else path_text(*outline), here)
+
+    def layer_of(self, context: Context) -> int:
+        if context.layer is not None:
+            return context.layer
+        return 0 if self._gathering else self.layering.outside()
 
     def _is_drawn(self, style: Style) -> bool:
         hidden = self.options.hidden
-        if not style.visible and hidden != "all":
-            self.notes.add("{count} shapes are invisible (visibility) and were left out; --hidden all draws them")
+        if not style.visible and (hidden != "all" or self._gathering):
+            self.note("{count} shapes are invisible (visibility) and were left out; --hidden all draws them")
             return False
-        if style.stroke is None and hidden == "skip":
-            if style.fill is None:
-                self.notes.add("{count} shapes have neither fill nor stroke and were left out; --hidden unpainted draws them")
-                return False
-            if self.options.fills == "skip":
-                self.notes.add("{count} shapes are only filled and were left out; --fills outline draws their outlines")
-                return False
+        if self._gathering or hidden != "skip":
+            return True
+        stroke, fill = self._painted(style.stroke), self._painted(style.fill)
+        if not stroke and not fill:
+            self.notes.add("{count} shapes have neither fill nor stroke and were left out; --hidden unpainted draws them")
+            return False
+        if not stroke and self.options.fills == "skip":
+            self.notes.add("{count} shapes are only filled and were left out; --fills outline draws their outlines")
+            return False
         return True
+
+    def _painted(self, paint: Paint | None) -> bool:
+        """Whether a paint shows. A gradient or pattern that is not there paints nothing, unless it has a fallback."""
+        if paint is None or paint.server is None:
+            return paint is not None
+        if self.by_id(paint.server) is None:
+            return paint.has_fallback
+        self.notes.add("{count} shapes are painted with gradients or patterns, of which a pen draws the outline only")
+        return True
+
+    def note(self, template: str, name: str | None = None) -> None:
+        """A note, unless shapes are only gathered for their area."""
+        if not self._gathering:
+            self.notes.add(template, name)
+
+    def gather(self, run: Callable[[], None]) -> tuple[list[Polylines], list[Shape]]:
+        """The outlines that `run` hands over, painted or not, without markers and dashes; the drawing itself gets none of them."""
+        outer = self.collector, self._gathering
+        self.collector, self._gathering = Collector(self.options, self.notes, self.name, self.spent), True
+        try:
+            run()
+            return self.collector.finish(), self.collector.shapes
+        finally:
+            self.collector, self._gathering = outer
+
+    def _text(self, element: Any, inner: Context) -> None:
+        if self._gathering:
+            self.notes.add("{count} texts inside clip paths or used for their size were left out")
+            return
+        if not any(text.strip() for text in element.itertext()):
+            return
+        if self.options.text == "skip":
+            self.notes.add("{count} texts were left out; --text outline or --text single draws them")
+            return
+        layer = self.layer_of(inner)
+        shape = Shape(element, inner.style, layer, inner.matrix, inner.clips)
+        self.texts.append(PendingText(element, inner, self.collector.reserve(shape), layer))
+
+    def style_in_place(self, element: Any) -> Style:
+        """The style of an element as its own ancestors make it, whoever refers to it."""
+        chain = [element, *element.iterancestors()]
+        frame = Frame(self.width_mm, self.height_mm, 16.0, self.options.px_per_in)
+        if self._root_style is None:
+            self._root_style = root_style(frame)
+        style = self._root_style
+        for one in reversed(chain):
+            style = self.cascade.style(one, self.kind(one.tag), one.items(), style, frame)
+        return style
 
     # ---- use, svg and symbol
 
-    def _use(self, element: Any, inner: Context) -> None:
+    def use(self, element: Any, inner: Context) -> None:
         href = element.get("href")
         if href is None:
             href = element.get(_HREF) or ""
@@ -298,23 +377,23 @@ class Walk:
         ):
             self.notes.add("{count} <use> elements refer to themselves and were left out")
             return
-        self._use_count += 1
-        if self._use_count > self.options.budgets.uses:
+        self.use_count += 1
+        if self.use_count > self.options.budgets.uses:
             raise BadInput(
                 f"the drawing expands more than {self.options.budgets.uses} <use> elements; raise --max-uses if it is meant"
             )
         x = self.number(element, "x", self._specified(element, "x", inner.style), inner.frame, inner.frame.width) or 0.0
         y = self.number(element, "y", self._specified(element, "y", inner.style), inner.frame, inner.frame.height) or 0.0
         matrix = multiply(inner.matrix, translation(x, y)) if x or y else inner.matrix
-        moved = replace(inner, matrix=matrix, uses=(*inner.uses, target), host=element)
-        kind = self._kind(target.tag)
+        moved = replace(inner, matrix=matrix, uses=(*inner.uses, target))
+        kind = self.kind(target.tag)
         if kind not in ("symbol", "svg"):
             self.element(target, moved)
             return
         style = self.cascade.style(target, kind, target.items(), moved.style, moved.frame)
         if not style.displayed and kind == "svg":
             return
-        own = self._own_transform(target, style, moved.frame)
+        own = self.own_transform(target, style, moved.frame)
         moved = replace(moved, style=style, matrix=multiply(matrix, own) if own else matrix, level=moved.level + 1)
         if moved.level > self.options.budgets.nesting:
             raise BadInput(
@@ -323,10 +402,17 @@ class Walk:
             )
         self._viewport(target, moved, *(element.get(name) or target.get(name) for name in ("width", "height")))
 
+    def count_use(self) -> None:
+        """Counts one expansion of a referenced element. Raises BadInput beyond the budget."""
+        self.use_count += 1
+        if self.use_count > self.options.budgets.uses:
+            limit = self.options.budgets.uses
+            raise BadInput(f"the drawing expands more than {limit} <use> elements and markers; raise --max-uses if it is meant")
+
     def _viewport(self, element: Any, context: Context, width_text: str | None, height_text: str | None) -> None:
         """The content of an inner svg or a used symbol: new coordinates, clipped unless overflow is visible."""
         frame = context.frame
-        kind = self._kind(element.tag)
+        kind = self.kind(element.tag)
         x = y = 0.0
         if kind == "svg":
             x = self.number(element, "x", element.get("x"), frame, frame.width) or 0.0
@@ -340,8 +426,8 @@ class Walk:
         matrix = multiply(context.matrix, translation(x, y)) if x or y else context.matrix
         clips = context.clips
         if context.style.own.get("overflow", "hidden") not in ("visible", "auto"):
-            clips = (*clips, self.box_clip(matrix, 0.0, 0.0, width, height))
-        box = self._view_box(element)
+            clips = (*clips, Clip.of_box(matrix, 0.0, 0.0, width, height))
+        box = self.view_box(element)
         if box is not None:
             if box[2] <= 0 or box[3] <= 0:
                 return
@@ -351,29 +437,29 @@ class Walk:
             return
         self.children(element, replace(context, matrix=matrix, clips=clips, frame=replace(frame, width=width, height=height)))
 
-    def box_clip(self, matrix: Matrix, x: float, y: float, width: float, height: float) -> Any:
-        return ("box", matrix, x, y, width, height)
-
     # ---- help
 
     def find(self, href: str, who: str) -> Any:
         """The element that `#id` names, or None with a note."""
-        if self._by_id is None:
-            self._by_id = {}
-            for one in self.root.iter():
-                name = one.get("id")
-                if name is not None:
-                    self._by_id.setdefault(name, one)
         href = href.strip()
         if not href.startswith("#"):
             self.notes.add(
                 f"{{count}} {who} elements refer to something outside the file ({{names}}), which is never read", href[:60]
             )
             return None
-        target = self._by_id.get(href[1:])
+        target = self.by_id(href[1:])
         if target is None:
             self.notes.add(f"{{count}} {who} elements refer to something that is not there ({{names}})", href[:60])
         return target
+
+    def by_id(self, name: str) -> Any:
+        if self._by_id is None:
+            self._by_id = {}
+            for one in self.root.iter():
+                own = one.get("id")
+                if own is not None:
+                    self._by_id.setdefault(own, one)
+        return self._by_id.get(name)
 
     def number(self, element: Any, attribute: str, text: str | None, frame: Frame, percent_of: float) -> float | None:
         try:
@@ -387,7 +473,7 @@ class Walk:
         found = element.get(name) if value is None else value
         return None if found is None or found.strip() == "auto" else found
 
-    def _own_transform(self, element: Any, style: Style, frame: Frame) -> Matrix | None:
+    def own_transform(self, element: Any, style: Style, frame: Frame) -> Matrix | None:
         text = style.own.get("transform", element.get("transform"))
         if text is None:
             return None
@@ -407,12 +493,9 @@ class Walk:
         return matrix
 
     def name(self, element: Any) -> str:
-        kind = self._kind(element.tag) or "?"
+        kind = self.kind(element.tag) or "?"
         name = element.get("id")
         return f"<{kind} id={name!r}>" if name else f"<{kind}> on line {element.sourceline}"
-
-    def shape_name(self, index: int) -> str:
-        return self.name(self._elements[index])
 
 
 _ORIGIN_WORDS = {"left": "0%", "top": "0%", "center": "50%", "right": "100%", "bottom": "100%"}
