@@ -14,7 +14,7 @@ import numpy as np
 from planning.errors import ImpossiblePlan
 from planning.geometry.stroke import Stroke
 from planning.motion.limits import Kinematics, Limits
-from planning.motion.path import Array, Ints, Mask, merge_distance_mm, path_set, thinned
+from planning.motion.path import Array, Ints, Mask, path_set, thinned, thinning_mm
 from planning.motion.plan import TICK_S, Motion, still
 from planning.motion.travel import straight
 from planning.motion.tube import Fit, Section, Tuning, deviation, fit_sections, knot_spacing_s
@@ -51,7 +51,7 @@ def draw_motions(strokes: Sequence[Stroke], limits: Limits, kinematics: Kinemati
             out[i] = simple
         else:
             corners = None if stroke.corners is None else stroke.corners[simple]
-            slack = 1.5 * merge_distance_mm(limits.tolerance_mm) if len(simple) < len(stroke.points_mm) else 0.0
+            slack = thinning_mm(limits.tolerance_mm) if len(simple) < len(stroke.points_mm) else 0.0
             work.append(_Work(i, np.ascontiguousarray(stroke.points_mm[simple]), corners, slack))
     together = [w for w in work if not _is_long(w.points, limits)]
     sections = [Section(w.points, w.corners, slack_mm=w.slack_mm) for w in together]
@@ -73,7 +73,7 @@ def _simple(stroke: Stroke, limits: Limits, kinematics: Kinematics) -> Motion | 
     size = float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
     if size <= 0.5 * limits.tolerance_mm:
         return _line(first, last, limits, kinematics) if (first != last).any() else still(last)
-    kept = thinned(points, merge_distance_mm(limits.tolerance_mm))
+    kept = thinned(points, thinning_mm(limits.tolerance_mm))
     if len(points) == 2:
         return _line(first, last, limits, kinematics)
     return kept
@@ -131,16 +131,18 @@ def _windowed(work: _Work, limits: Limits, kinematics: Kinematics) -> Motion:
     points = work.points
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
     ahead = 2.0 * limits.speed_mm_s / limits.acceleration_mm_s2 + 4.0 * limits.acceleration_mm_s2 / limits.jerk_mm_s3 + 0.1
+    # What lies behind a window's start is still needed to judge the bends around it.
+    context = limits.speed_mm_s * (limits.acceleration_mm_s2 / limits.jerk_mm_s3 + 0.02)
     fits: list[Fit] = []
     start = 0
     at_mm = 0.0
     state: Array | None = None
     vertices = WINDOW_VERTICES
     while True:
-        reach = int(
-            np.searchsorted(along, along[start] + WINDOW_S * limits.speed_mm_s * vertices / WINDOW_VERTICES, side="right")
-        )
-        end = min(len(points), start + vertices, max(reach + 1, start + 3))
+        furthest = at_mm + WINDOW_S * limits.speed_mm_s * vertices / WINDOW_VERTICES
+        reach = int(np.searchsorted(along, furthest, side="right"))
+        here = int(np.searchsorted(along, at_mm, side="right"))
+        end = min(len(points), here + vertices, max(reach + 1, here + 2))
         if len(points) - end < vertices // 8:
             end = len(points)
         corners = None if work.corners is None else work.corners[start:end]
@@ -153,18 +155,16 @@ def _windowed(work: _Work, limits: Limits, kinematics: Kinematics) -> Motion:
             vertices *= 2
             continue
         if final:
-            fits.append(fit)
+            fits.append(fit.upto(len(fit.ticks), along[start]))
             break
         cut = _cut(fit, ahead, limits)
         if cut is None:
             vertices *= 2
             continue
-        fits.append(Fit(fit.ticks[:cut], fit.position_mm[: cut + 1], fit.velocity_mm_s[: cut + 1], fit.acceleration_mm_s2[:
-        cut + 1],
-                        fit.along_mm[: cut + 1] + along[start]))  # fmt: skip
+        fits.append(fit.upto(cut, along[start]))
         state = np.stack((fit.position_mm[cut], fit.velocity_mm_s[cut], fit.acceleration_mm_s2[cut]))
         at_mm = float(fit.along_mm[cut] + along[start])
-        start = max(0, int(np.searchsorted(along, at_mm, side="right")) - 4)
+        start = max(0, int(np.searchsorted(along, at_mm - context, side="right")) - 1)
         vertices = WINDOW_VERTICES
     motion = _motion_of(fits, points)
     return motion if _verified(motion, work, limits, fits, along) else _legs(points, limits, kinematics)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -26,6 +27,7 @@ SMOOTH_BULGE = 0.3
 HINTED_SMOOTH_BULGE = 0.6
 # Between the paths of a set, so that no search can find a neighbour.
 GAP_MM = 16.0
+THINNING_SLICE = 4096
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -79,37 +81,25 @@ class PathSet:
         )
 
 
-def merge_distance_mm(tolerance_mm: float) -> float:
-    """Vertices nearer than this to the one before (along the path) say nothing a pen could draw."""
-    return float(np.clip(0.05 * tolerance_mm, 0.0002, 0.002))
+def thinning_mm(tolerance_mm: float) -> float:
+    """How far the thinned polyline may leave the one given: too little for a pen to show, enough to drop dense vertices."""
+    return float(np.clip(0.05 * tolerance_mm, 0.0002, 0.0025))
 
 
-def thinned(points_mm: Array, merge_mm: float) -> Ints:
-    """Indices of the vertices worth planning: the first, the last, and no two within `merge_mm` along the path."""
-    steps = np.hypot(*np.diff(points_mm, axis=0).T)
+def thinned(points_mm: Array, within_mm: float) -> Ints:
+    """Indices of the vertices worth planning: first, last, and those that keep the polyline `within_mm` (Douglas-Peucker).
+
+    No two of them are nearer than that, except when only two are left. In slices, so that the cost stays linear.
+    """
     n = len(points_mm)
-    if n < 2 or steps.min() >= merge_mm:
-        return np.arange(n)
-    along = np.concatenate(([0.0], np.cumsum(steps)))
-    bins = np.floor(along / merge_mm).astype(np.int64)
-    keep = np.concatenate(([0], np.flatnonzero(np.diff(bins) > 0) + 1))
-    # Neighbouring bins can still hold neighbours that are nearer than that: drop the second of such a pair, once.
-    if len(keep) > 1:
-        near = np.concatenate(([False], np.diff(along[keep]) < merge_mm))
-        near[1:] &= ~near[:-1]
-        keep = keep[~near]
-    if keep[-1] != n - 1:
-        keep = keep[:-1] if len(keep) > 1 and along[-1] - along[keep[-1]] < merge_mm else keep
-        keep = np.append(keep, n - 1)
-    while len(keep) > 1:
-        same = (np.diff(points_mm[keep], axis=0) == 0.0).all(axis=1)
-        if not same.any():
-            break
-        # Of two equal neighbours the first goes, but never the stroke's own first vertex.
-        drop = np.flatnonzero(same)
-        drop = np.where(drop == 0, 1, drop)
-        keep = np.delete(keep, drop)
-    return keep
+    kept = []
+    for start in range(0, max(1, n - 1), THINNING_SLICE):
+        index = np.arange(start, min(n, start + THINNING_SLICE + 1))
+        # The index rides along as the third coordinate, which Douglas-Peucker does not look at.
+        line = shapely.linestrings(np.column_stack((points_mm[index], index)))
+        thin = shapely.simplify(line, within_mm, preserve_topology=False)
+        kept.append(np.rint(shapely.get_coordinates(thin, include_z=True)[:, 2]).astype(np.int64))
+    return np.unique(np.concatenate(kept))
 
 
 def path_set(points: Sequence[Array], corners: Sequence[Mask | None], tolerance_mm: float) -> PathSet:

@@ -64,6 +64,11 @@ class Fit:
     acceleration_mm_s2: Array
     along_mm: Array
 
+    def upto(self, knot: int, before_mm: float) -> Fit:
+        """The part before `knot`, with `before_mm` added to how far along it is."""
+        return Fit(self.ticks[:knot], self.position_mm[: knot + 1], self.velocity_mm_s[: knot + 1],
+                   self.acceleration_mm_s2[: knot + 1], self.along_mm[: knot + 1] + before_mm)  # fmt: skip
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Tuning:
