@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import platformdirs
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from output.ebb.firmware import firmware
+from output.errors import BadCommand
 from planning.motion.limits import Limits
 from plotter import units
 from plotter.errors import BadInput
@@ -60,7 +62,7 @@ class Settings(BaseModel):
     order: Literal["none", "greedy", "best"] = Field("best", description="How strokes are put in order.")
     order_time: Budget = Field(10.0, description="Time that `best` may take.")
     join: Annotated[Length, Field(ge=0, le=10)] = Field(
-        0.1, description="Stroke ends closer than this become one stroke; 0 joins none."
+        0.1, description="Stroke ends closer than this become one stroke."
     )
     keep_duplicates: bool = Field(False, description="Draw lines that lie on each other as often as the file has them.")
     seed: int = Field(0, ge=0, description="Seed of the ordering's random choices.")
@@ -80,6 +82,14 @@ class Settings(BaseModel):
         if self.pen_up <= self.pen_down:
             raise ValueError(f"pen_up ({self.pen_up:g} %) must be above pen_down ({self.pen_down:g} %)")
         return self
+
+    @field_validator("firmware")
+    @classmethod
+    def _firmware_is_known(cls, version: str) -> str:
+        try:
+            return firmware(version).name
+        except BadCommand as error:
+            raise ValueError(str(error)) from None
 
     def machine_profile(self) -> Machine:
         return load_machine(self.machine)

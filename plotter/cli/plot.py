@@ -1,0 +1,110 @@
+"""`plotter plot`: a drawing onto paper, or onto the built-in virtual board's."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from output.ebb.control import StopFlag
+from output.ebb.session import StreamResult, connect
+from output.ebb.virtual.process import VirtualBoard, start_virtual_board
+from planning.motion.limits import Kinematics
+from plotter.cli.options import collect, settings_options
+from plotter.cli.reading import collect_reading, reading_options
+from plotter.cli.say import Bar, notes, progress_bar
+from plotter.errors import BadInput, Interrupted
+from plotter.estimate import Estimate
+from plotter.pipeline import Job, board_setup, planned, prepare, program
+from plotter.preview.picture import draw_ink
+from plotter.units import spoken_duration
+
+SIM = "sim"
+
+
+@click.command()
+@click.argument("file", metavar="FILE.svg")
+@click.option("--port", help="Serial port of the board; `sim` is the built-in virtual board.")
+@click.option("--speed", type=click.FloatRange(0.1, 1000), default=1.0, help="How much faster than real time `sim` runs.")
+@click.option("--record", type=click.Path(path_type=Path, dir_okay=False), help="Keep the virtual board's record (JSON).")
+@click.option("--picture", type=click.Path(path_type=Path, dir_okay=False), help="Draw the virtual board's ink: .png or .svg.")
+@settings_options
+@reading_options
+def plot(file: str, port: str | None, speed: float, record: Path | None, picture: Path | None, **options: Any) -> None:
+    """Plot FILE.svg (- reads standard input). Ctrl-C raises the pen and stops the motors.
+
+    \b
+    plotter plot drawing.svg --port /dev/ttyACM0
+    plotter plot drawing.svg --port sim --speed 8 --picture ink.png
+    """
+    if port != SIM and (record or picture or speed != 1.0):
+        raise BadInput("--speed, --record and --picture are the virtual board's: give --port sim with them")
+    settings = collect(options).values
+    job = prepare(file, collect_reading(options), settings)
+    notes(job.notes)
+    if port == SIM:
+        with start_virtual_board(firmware=settings.firmware, speed=speed, record=record, keep_wire=False) as virtual:
+            _plot_on(job, virtual.port, speed)
+            _keep_picture(virtual, picture, job)
+        return
+    _plot_on(job, _chosen_port(port), 1.0)
+
+
+def _chosen_port(port: str | None) -> str:
+    if port is None:
+        raise BadInput("no port is given: name the board's with --port, or plot on the virtual board with --port sim")
+    return port
+
+
+def _plot_on(job: Job, port: str, board_speed: float) -> None:
+    estimate = Estimate()
+    with connect(port, board_speed=board_speed) as board, progress_bar(job.stroke_count) as bar:
+        setup = board_setup(job.settings, job.machine, board.firmware)
+        items = _announced(estimate.program(program(estimate.plan(planned(job)), setup)), estimate, bar)
+        started = time.monotonic()
+        result = board.stream(items, on_progress=bar.show, stop=StopFlag())
+        _finish(result, f"{job.name} on {board.port_name}, firmware {board.firmware}")
+        click.echo(_summary(job, estimate, result, time.monotonic() - started))
+
+
+def _announced(items: Iterator[Any], estimate: Estimate, bar: Bar) -> Iterator[Any]:
+    """The same items; says to the bar when everything is planned, and how long it takes."""
+    yield from items
+    bar.planned(estimate.total.duration_s)
+
+
+def _finish(result: StreamResult, where: str) -> None:
+    """Raises Interrupted for a plot that was stopped, saying what became of the pen."""
+    if result.outcome == "done":
+        return
+    report = result.stop
+    pen = "the pen is up" if report is not None and report.pen_up else "THE PEN MAY BE DOWN: lift it by hand"
+    raise Interrupted(f"{result.reason}: {where} after {result.progress.strokes_done} strokes; {pen} and the motors are off")
+
+
+def _summary(job: Job, estimate: Estimate, result: StreamResult, took_s: float) -> str:
+    total = estimate.total
+    text = (
+        f"plotted {job.name}: {total.strokes} strokes, {total.pen_down_mm / 1000:.3f} m pen down, {total.pen_lifts} pen lifts"
+        f" in {spoken_duration(total.duration_s)} of board time ({spoken_duration(took_s)} by the clock)"
+    )
+    if result.progress.stalls:
+        text += f"\nthe board waited {result.progress.stalls} times for the computer, {result.progress.stalled_s:.2f} s in all"
+    return text
+
+
+def _keep_picture(virtual: VirtualBoard, picture: Path | None, job: Job) -> None:
+    if picture is None:
+        return
+    ink = ink_mm(virtual.record(), job.machine.kinematics())
+    colors = [stroke.color for layer in job.layers for stroke in layer.strokes]
+    draw_ink(picture, ink, (job.machine.width_mm, job.machine.height_mm), colors=colors if len(colors) == len(ink) else None)
+
+
+def ink_mm(record: dict[str, Any], kinematics: Kinematics) -> list[np.ndarray]:
+    """The virtual board's ink, a polyline (n, 2) in machine millimetres for each time the pen was down."""
+    return [kinematics.millimetres(np.array(stroke["points"], dtype=float)) for stroke in record["ink"]]
