@@ -180,7 +180,7 @@ def _timed(ticks: int, profiles: tuple[Profile, Profile], clear: int | None, sta
             total = acc[axis] + profile.total(ticks)
         else:
             overflow = True
-            total = acc[axis] + _wrapped_total(profile, ticks)
+            total = acc[axis] + wrapped_total(profile, ticks)
         steps, after[axis] = divmod(total, ONE_STEP)
         position[axis] = state.position[axis] + steps
     start = (_centred(state.position[0], acc[0]), _centred(state.position[1], acc[1]))
@@ -311,7 +311,7 @@ def _wrapped_rates(profile: Profile, first: int, count: int) -> Ints:
     return rate.astype(np.uint32).astype(np.int32).astype(np.int64)
 
 
-def _wrapped_total(profile: Profile, ticks: int) -> int:
+def wrapped_total(profile: Profile, ticks: int) -> int:
     total = 0
     for first in range(1, ticks + 1, _CHUNK):
         total += int(_wrapped_rates(profile, first, min(_CHUNK, ticks + 1 - first)).sum())

@@ -31,8 +31,10 @@ PRIMED = ONE_STEP // 2
 EDGE = 1 / 16
 # How far (steps) the middle of a piece may be off because jerk and acceleration are integers; longer pieces are split.
 _MIDDLE_ERROR = 0.1
-# How far (2^-31 steps) a piece's end may be off when its rate is held back so as not to step backwards.
+# How far (2^-31 steps) a slow piece's end may be off when its rate is held back so as not to step backwards.
 _END_ERROR = ONE_STEP / 64
+# Ticks: a piece of this length that is held back so ends at most 1/64 of a step off.
+_LONGEST_AT_REST = 900.0
 # Rates below this (2^-31 steps per tick) are standing still: 1e-5 steps per second.
 _STILL_RATE = 1.0
 
@@ -55,7 +57,7 @@ class Borders:
 class Cubics(NamedTuple):
     """Per piece, as integers: accel and jerk (n, 2) as the board gets them, the least and greatest Rate (n, 2) allowed for each
     axis, and `base` (n, 2), how far accel and jerk alone move it. `way` (n, 2): 1 when the plan only moves the axis forwards
-    during the piece, -1 backwards, 0 both, 2 when it rests."""
+    during the piece, -1 backwards, 0 both, 2 when it rests. `slow` (n, 2): so slowly that integers hardly resolve its curve."""
 
     accel: Ints
     jerk: Ints
@@ -63,6 +65,7 @@ class Cubics(NamedTuple):
     most: Ints
     base: Ints
     way: Ints
+    slow: NDArray[np.bool_]
 
 
 def borders_of(motion: Motion, kinematics: Kinematics, origin_mm: Array) -> Borders:
@@ -105,7 +108,10 @@ def split(borders: Borders) -> Borders:
     j = jerks(borders)
     off = np.abs(j - np.rint(j)).max(axis=1)
     middle = (0.00802 * off * t**3 + 0.0625 * t**2 * (off > 0)) / ONE_STEP
-    parts = np.ceil(np.cbrt(middle / _MIDDLE_ERROR)).astype(np.int64)
+    parts = np.ceil(np.cbrt(middle / _MIDDLE_ERROR))
+    # Next to a standstill the rate may not go below zero, which costs the end up to d T^3 / 12: shorter pieces there.
+    rests = (np.minimum(np.abs(borders.v[:-1]), np.abs(borders.v[1:])) <= t[:, None] ** 2 / 12).any(axis=1) & (off > 0)
+    parts = np.maximum(parts, np.where(rests, np.ceil(t / _LONGEST_AT_REST), 1.0)).astype(np.int64)
     parts = np.clip(parts, 1, borders.ticks)
     if (parts == 1).all():
         return borders
@@ -156,8 +162,9 @@ def cubics_of(borders: Borders) -> Cubics:
     least = np.where(forwards, -low, -ONE_STEP - low)
     most = np.where(backwards, -high, ONE_STEP - 1 - high)
     way = np.where(still, 2, forwards.astype(np.int64) - backwards.astype(np.int64))
+    slow = np.maximum(np.abs(v0), np.abs(v1)) <= 2 * t**2
     base = accel * (ticks * (ticks + 1) // 2) + jerk * ((ticks - 1) * ticks * (ticks + 1) // 6)
-    return Cubics(accel, jerk, least, most, base - (_truncated(accel, 2) - _truncated(jerk, 6)) * ticks, way)
+    return Cubics(accel, jerk, least, most, base - (_truncated(accel, 2) - _truncated(jerk, 6)) * ticks, way, slow)
 
 
 def _extremes(v0: Array, a: Array, j: Array, t: Array) -> tuple[Array, Array]:
@@ -228,17 +235,18 @@ def _one_axis(
         cubics.most[:, axis].tolist(),
         targets[:, axis].tolist(),
         cubics.way[:, axis].tolist(),
+        cubics.slow[:, axis].tolist(),
         strict=True,
     )
-    for i, (t, base, least, most, target, way) in enumerate(rows):
+    for i, (t, base, least, most, target, way, slow) in enumerate(rows):
         if way == 2:
             rates.append(0)
             continue
         rate = (2 * (target - phase - base) + t) // (2 * t)
         if rate < least or rate > most:
             rate = least if rate < least else most
-            if way and abs(phase + rate * t + base - target) > _END_ERROR:
-                # Too slow for this curve to be drawn with integers without a step backwards: go evenly instead.
+            if slow and way and abs(phase + rate * t + base - target) > _END_ERROR:
+                # Held back time and again, it would drift: go evenly instead.
                 accels[i] = jerks_[i] = base = 0
                 even = (2 * (target - phase) + t) // (2 * t)
                 rate = max(even, 0) if way > 0 else min(even, 0)

@@ -1,0 +1,104 @@
+"""Host, board and motion queue in time: how far ahead of the motion each command arrives.
+
+The host sends a command when the one before it was answered (`host_s` later at the board); the board takes `service_s` to
+parse and queue it, longer the faster the motors step; a full queue makes it wait. Command i is queued at q_i, starts at s_i
+and ends at e_i:
+
+    q_i = max(q_{i-1} + host_s + service_i, s_{i - depth})      the place that i takes is free when i - depth starts
+    s_i = max(e_{i-1}, q_i),   e_i = s_i + duration_i
+
+The lead of command i is e_{i-1} - q_i: how long the board still has to do when it gets it. A negative lead is a stop of that
+length, and a stutter when the motors were moving.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from output.ebb.firmware import Firmware
+
+Array = NDArray[np.float64]
+
+# What a well-behaved host takes from a command's answer to the next command's arrival: two USB frames of 1 ms.
+HOST_S = 0.002
+# Places of a deep queue that the streamer leaves free, so that a stop is always heard.
+FREE_PLACES = 2
+# Standing still, in mm/s: running dry at less is no stutter.
+_SLOW_MM_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class QueueSetup:
+    """`depth` places of the motion queue are used; `host_s` passes between an answer and the next command."""
+
+    depth: int
+    host_s: float = HOST_S
+
+
+def queue_setup(firmware: Firmware, host_s: float = HOST_S) -> QueueSetup:
+    """What the streamer uses of this firmware's queue: all but FREE_PLACES of a deep one."""
+    depth = firmware.queue_max - FREE_PLACES if firmware.queue_max > FREE_PLACES else firmware.queue_max
+    return QueueSetup(depth, host_s)
+
+
+def service_s(firmware: Firmware, name: str, load: Array) -> Array:
+    """How long the board takes to parse and queue a command while its motors step at `load` (n,), 0 to 1 of both at 25 kHz."""
+    idle, busy = firmware.service_ms.get(name, firmware.service_ms["other"])
+    return np.asarray((idle + (busy - idle) * np.clip(load, 0.0, 1.0)) / 1000)
+
+
+@dataclass(slots=True)
+class QueueModel:
+    """Feed it commands in order; it keeps what it needs of the past. Places are of the queue: a TD is fed as two."""
+
+    setup: QueueSetup
+    lowest_lead_s: float = np.inf
+    lowest_at: int = -1
+    underruns: int = 0
+    starved_s: float = 0.0
+    first_underruns: list[tuple[int, float]] = field(default_factory=list)
+    _queued_s: float = 0.0
+    _end_s: float = 0.0
+    _started: list[float] = field(default_factory=list)
+    _count: int = 0
+
+    def feed(self, command: NDArray[np.int64], takes_s: Array, duration_s: Array, speed_mm_s: Array) -> Array:
+        """Leads (n,) in seconds of the commands numbered `command`, each with what host and board take for it, its duration and
+        the speed at which the motion passes its start. The lowest lead and the underruns are of motion that goes on."""
+        depth = self.setup.depth
+        queued, end, ring = self._queued_s, self._end_s, self._started or [0.0] * depth
+        place = self._count % depth
+        leads = np.empty(len(command))
+        for i, (takes, lasts) in enumerate(zip(takes_s.tolist(), duration_s.tolist(), strict=True)):
+            queued += takes
+            free = ring[place]
+            if free > queued:
+                queued = free
+            leads[i] = end - queued
+            start = end if end > queued else queued
+            ring[place] = start
+            end = start + lasts
+            place += 1
+            if place == depth:
+                place = 0
+        self._queued_s, self._end_s, self._started = queued, end, ring
+        self._count += len(command)
+        self._note(command, leads, speed_mm_s)
+        return leads
+
+    def _note(self, command: NDArray[np.int64], leads: Array, speed_mm_s: Array) -> None:
+        moving = speed_mm_s > _SLOW_MM_S
+        if not moving.any():
+            return
+        shown = np.where(moving, leads, np.inf)
+        lowest = int(np.argmin(shown))
+        if shown[lowest] < self.lowest_lead_s:
+            self.lowest_lead_s, self.lowest_at = float(shown[lowest]), int(command[lowest])
+        dry = np.flatnonzero(shown < 0)
+        self.underruns += len(dry)
+        self.starved_s -= float(shown[dry].sum())
+        for i in dry[: 5 - len(self.first_underruns)]:
+            self.first_underruns.append((int(command[i]), float(-leads[i])))

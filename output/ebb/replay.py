@@ -1,0 +1,326 @@
+"""Play a program through the board's exact arithmetic, fast: what moves when, in chunks of numpy rows.
+
+A row is one stretch of time with constant jerk (or none): a T3, half a TD, the part of an LM until its first axis stops, a
+wait. Runs of timed commands are computed as arrays; the rest goes through `arithmetic.execute`. Positions are physical: they
+go on through EM, CS and R, which only clear the board's counters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from output.ebb import arithmetic, arithmetic_old
+from output.ebb.arithmetic import ONE_STEP, TICKS_PER_MS, NeverEnds, State, StepRateRefused, ticks_of_wait
+from output.ebb.command_file import Line
+from output.ebb.commands import CS, CU, EM, LT, S2, SC, SM, SP, T3, TD, TP, XM, Command, MotionCommand, R
+from output.ebb.firmware import Firmware
+from output.ebb.program import LayerMark, Mark, PauseMark, StrokeMark
+
+Ints = NDArray[np.int64]
+
+MOVE, WAIT, PEN = 0, 1, 2
+_CHUNK_ROWS = 65536
+_PEN_PIN = 4  # RP4 is RB1, the pen servo
+# Within these bounds int64 holds every sum of a row's rates; others are computed with Python's integers.
+_LONGEST = 1 << 20
+_STEEPEST = 1 << 40
+
+# ticks, dead ticks, Rate, Accel and Jerk of both axes, kind, place of the command
+_Row = tuple[int, int, int, int, int, int, int, int, int, int]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rows:
+    """n rows in order of time. `phase` (n, 2): both motors' positions at the row's start in 2^-31 steps, with the fraction that
+    the accumulator holds, centred on the step counter's cell; `counter` (n + 1, 2): the step counters before each row and at
+    the end. Both in physical steps. `r0`, `accel`, `jerk` (n, 2) as in `arithmetic.Profile`.
+
+    `ticks` execute, `dead` pass after them. `kind` is MOVE, WAIT or PEN; `pen_down`, `layer` and `stroke` hold during the row;
+    `command` is the place of its command in the program, counting commands from 0.
+    """
+
+    ticks: Ints
+    dead: Ints
+    phase: Ints
+    counter: Ints
+    r0: Ints
+    accel: Ints
+    jerk: Ints
+    kind: Ints
+    pen_down: NDArray[np.bool_]
+    layer: Ints
+    stroke: Ints
+    command: Ints
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+
+@dataclass(slots=True)
+class Replay:
+    """Iterate `rows()` once; then the totals, the problems (why it should not be sent) and the warnings are complete.
+
+    `start_steps` are the physical steps at which the program begins; `microsteps` is the EM setting that they are counted in.
+    """
+
+    program: Iterable[Command | Mark | Line]
+    firmware: Firmware
+    start_steps: tuple[int, int] = (0, 0)
+    microsteps: int = 1
+    problems: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    commands: int = 0
+    pen_lifts: int = 0
+    pauses: int = 0
+    pen_down: bool = False
+    motors_on: bool = False
+    layer_names: dict[int, str] = field(default_factory=dict)
+    _state: State = field(default_factory=State)
+    _shift: tuple[int, int] = (0, 0)
+    _scale: int = 1
+    _servo: tuple[int, int] = (22565, 15302)
+    _tag: tuple[bool, int, int] = (False, 0, -1)
+    _line: int = 0
+    _rows: list[_Row] = field(default_factory=list)
+    _tags: list[tuple[int, tuple[bool, int, int]]] = field(default_factory=list)
+
+    def rows(self) -> Iterator[Rows]:
+        """The rows, in chunks of at most about 65536."""
+        self._shift = self.start_steps
+        for entry in self.program:
+            item = entry.item if isinstance(entry, Line) else entry
+            self._line = entry.number if isinstance(entry, Line) else 0
+            if not isinstance(item, Command):
+                self._mark(item)
+                continue
+            index, self.commands = self.commands, self.commands + 1
+            if (refusal := self.firmware.refusal(item)) is not None:
+                self._problem(refusal)
+            elif not self._gathers(item, index):
+                if self._rows:
+                    yield self._flush()
+                if isinstance(item, MotionCommand):
+                    yield from self._slow(item, index)
+                else:
+                    self._immediate(item, index)
+            if len(self._rows) >= _CHUNK_ROWS:
+                yield self._flush()
+        if self._rows:
+            yield self._flush()
+
+    def counters(self) -> tuple[int, int]:
+        """Physical steps so far."""
+        (one, two), k = self._state.position, self._scale
+        return (self._shift[0] + one * k, self._shift[1] + two * k)
+
+    def _problem(self, text: str) -> None:
+        self.problems.append(f"line {self._line}: {text}" if self._line else text)
+
+    def _mark(self, mark: Mark) -> None:
+        down, layer, stroke = self._tag
+        match mark:
+            case LayerMark(number=number, name=name):
+                self._tag = (down, number, stroke)
+                self.layer_names[number] = name
+            case StrokeMark(index=index):
+                self._tag = (down, layer, index)
+            case PauseMark():
+                self.pauses += 1
+
+    def _gathers(self, command: Command, index: int) -> bool:
+        """Keep a command that lasts a given time for the next flush: True when it is one."""
+        c = command
+        if isinstance(c, T3):
+            return self._timed(c, c.intervals, (c.rate1, c.accel1, c.jerk1), (c.rate2, c.accel2, c.jerk2), index)
+        if isinstance(c, LT):
+            return self._timed(c, c.intervals, (c.rate1, c.accel1, 0), (c.rate2, c.accel2, 0), index)
+        if isinstance(c, TD):
+            halves = (
+                ((c.rate1a, 0, c.jerk1), (c.rate2a, 0, c.jerk2)),
+                ((c.rate1b, c.accel1, -c.jerk1), (c.rate2b, c.accel2, -c.jerk2)),
+            )
+            return self._fits(c, c.intervals, *halves[0]) and all(
+                [self._timed(c, c.intervals, one, two, index, sure=True) for one, two in halves]
+            )
+        if (isinstance(c, SM) and not c.steps1 and not c.steps2) or (isinstance(c, XM) and not c.steps_a and not c.steps_b):
+            self._still(min(c.duration_ms, self.firmware.max_delay_ms) * TICKS_PER_MS, WAIT, index)
+            return True
+        if isinstance(c, SP | TP | S2) and c.queued:
+            self._servo_move(c, index)
+            return True
+        return False
+
+    def _fits(self, command: Command, ticks: int, one: tuple[int, int, int], two: tuple[int, int, int]) -> bool:
+        if self.firmware.old_arithmetic or command.clear is not None or ticks > _LONGEST:  # type: ignore[attr-defined]
+            return False
+        return all(abs(rate) + (abs(accel) + abs(jerk) * ticks) * ticks < _STEEPEST for rate, accel, jerk in (one, two))
+
+    def _timed(
+        self, command: Command, ticks: int, one: tuple[int, int, int], two: tuple[int, int, int], index: int, sure: bool = False
+    ) -> bool:
+        if not sure and not self._fits(command, ticks, one, two):
+            return False
+        self._retag()
+        self._rows.append((ticks, 1, *one, *two, MOVE, index))
+        return True
+
+    def _still(self, ticks: int, kind: int, index: int) -> None:
+        self._retag()
+        self._rows.append((max(ticks, 1), 0, 0, 0, 0, 0, 0, 0, kind, index))
+
+    def _retag(self) -> None:
+        if not self._tags or self._tags[-1][1] != self._tag:
+            self._tags.append((len(self._rows), self._tag))
+
+    def _servo_move(self, command: SP | TP | S2, index: int) -> None:
+        match command:
+            case SP():
+                self._set_pen(command.value == 0)
+            case TP():
+                self._set_pen(not self.pen_down)
+            case S2() if command.pin == _PEN_PIN:
+                self._set_pen(abs(command.position - self._servo[1]) < abs(command.position - self._servo[0]))
+        wait_ms = command.delay_ms if isinstance(command, S2) else command.duration_ms
+        self._still(ticks_of_wait(wait_ms), PEN, index)
+
+    def _set_pen(self, down: bool) -> None:
+        self.pen_lifts += self.pen_down and not down
+        self.pen_down = down
+        self._tag = (down, *self._tag[1:])
+
+    def _immediate(self, command: Command, index: int) -> None:
+        match command:
+            case EM():
+                self._enable(command)
+                self._still(1, WAIT, index)
+            case CS() | R():
+                self._clear()
+            case SC(number=4):
+                self._servo = (command.value, self._servo[1])
+            case SC(number=5):
+                self._servo = (self._servo[0], command.value)
+            case SP():
+                self._set_pen(False)
+            case CU(number=10 | 54, value=1):
+                self.warnings.append(f"{command.wire()} changes how the board answers, which whoever sends this may not expect")
+
+    def _enable(self, command: EM) -> None:
+        """EM clears counters and accumulators and may change the step size."""
+        self._clear()
+        self.motors_on = bool(command.enable1)
+        if command.enable1 >= self.microsteps:
+            self._scale = 1 << (command.enable1 - self.microsteps)
+        elif command.enable1:
+            self._problem(f"EM,{command.enable1} sets finer steps than the machine's (EM,{self.microsteps}); use that instead")
+
+    def _clear(self) -> None:
+        self._shift = self.counters()
+        self._state = State()
+
+    def _slow(self, command: MotionCommand, index: int) -> Iterator[Rows]:
+        """One command through the scalar arithmetic."""
+        execute = arithmetic_old.execute if self.firmware.old_arithmetic else arithmetic.execute
+        try:
+            done = execute(command, self._state)
+        except NeverEnds as error:
+            self._problem(f"{command.wire()} never ends ({error}); the queue would wait for it until it is stopped")
+            return
+        except StepRateRefused as error:
+            self._problem(f"{command.wire()}: {error}, which the board refuses; give it another duration")
+            return
+        if done.overflow:
+            self._overflow(command.wire())
+        n, k = len(done.segments), self._scale
+        counter = np.empty((n + 1, 2), dtype=np.int64)
+        counter[0] = self.counters()
+        for i, segment in enumerate(done.segments[1:], 1):
+            counter[i] = np.array(self._shift) + k * ((np.array(segment.phase) + ONE_STEP // 2) >> 31)
+        self._state = done.state
+        counter[n] = self.counters()
+        profiles = np.array([segment.profile for segment in done.segments], dtype=np.int64) * k
+        dead = np.zeros(n, dtype=np.int64)
+        dead[-1] = done.dead_ticks
+        down, layer, stroke = self._tag
+        yield Rows(
+            ticks=np.array([segment.ticks for segment in done.segments], dtype=np.int64),
+            dead=dead,
+            phase=np.array([segment.phase for segment in done.segments], dtype=np.int64) * k + np.array(self._shift) * ONE_STEP,
+            counter=counter,
+            r0=profiles[:, :, 0],
+            accel=profiles[:, :, 1],
+            jerk=profiles[:, :, 2],
+            kind=np.full(n, MOVE),
+            pen_down=np.full(n, down),
+            layer=np.full(n, layer),
+            stroke=np.full(n, stroke),
+            command=np.full(n, index),
+        )
+
+    def _overflow(self, wire: str) -> None:
+        self._problem(
+            f"{wire}: a rate leaves its 32 bits, beyond 25 kHz, and the motor would jump to another speed; plan slower"
+        )
+
+    def _flush(self) -> Rows:
+        """Everything gathered, as rows: position * 2^31 + acc grows by the sum of the rates."""
+        raw = np.array(self._rows, dtype=np.int64)
+        starts = [start for start, _ in self._tags] + [len(raw)]
+        lengths = np.diff(starts)
+        tags = [np.repeat(np.array(column), lengths) for column in zip(*(tag for _, tag in self._tags), strict=True)]
+        self._rows, self._tags = [], []
+
+        ticks = raw[:, 0]
+        rate, accel, jerk = raw[:, [2, 5]], raw[:, [3, 6]], raw[:, [4, 7]]
+        r0 = rate - _truncated(accel, 2) + _truncated(jerk, 6)
+        t = ticks[:, None]
+        total = r0 * t + accel * (t * (t + 1) // 2) + jerk * ((t - 1) * t * (t + 1) // 6)
+        for i, axis in np.argwhere(_leaves_registers(r0, accel, jerk, t)):
+            wrapped = arithmetic.Profile(int(r0[i, axis]), int(accel[i, axis]), int(jerk[i, axis]))
+            total[i, axis] = arithmetic.wrapped_total(wrapped, int(ticks[i]))
+            self._overflow(f"command {int(raw[i, 9]) + 1}")
+
+        start = [self._state.position[axis] * ONE_STEP + self._state.acc[axis] for axis in (0, 1)]
+        phase = np.vstack((np.array([start]), start + np.cumsum(total, axis=0)))
+        counter, k = phase >> 31, self._scale
+        self._state = State(
+            (int(counter[-1, 0]), int(counter[-1, 1])),
+            (int(phase[-1, 0]) & (ONE_STEP - 1), int(phase[-1, 1]) & (ONE_STEP - 1)),
+        )
+        shift = np.array(self._shift)
+        return Rows(
+            ticks=ticks,
+            dead=raw[:, 1] * self.firmware.dead_ticks,
+            phase=(phase[:-1] - ONE_STEP // 2) * k + shift * ONE_STEP,
+            counter=counter * k + shift,
+            r0=r0 * k,
+            accel=accel * k,
+            jerk=jerk * k,
+            # A single tick without a step only sets the accumulators: nothing moves.
+            kind=np.where((ticks == 1) & (counter[1:] == counter[:-1]).all(axis=1), WAIT, raw[:, 8]),
+            pen_down=tags[0],
+            layer=tags[1],
+            stroke=tags[2],
+            command=raw[:, 9],
+        )
+
+
+def _truncated(value: Ints, divisor: int) -> Ints:
+    return np.asarray(np.sign(value) * (np.abs(value) // divisor))
+
+
+def _leaves_registers(r0: Ints, accel: Ints, jerk: Ints, ticks: Ints) -> NDArray[np.bool_]:
+    """(n, 2): whether the rate leaves 32 bits in some tick from 1 to `ticks`."""
+
+    def outside(t: Ints) -> NDArray[np.bool_]:
+        rate = r0 + accel * t + jerk * (t * (t - 1) // 2)
+        return np.asarray((rate < -ONE_STEP) | (rate >= ONE_STEP))
+
+    turn = _truncated(jerk - 2 * accel, 2) // np.where(jerk != 0, jerk, 1)
+    found = outside(np.ones_like(ticks)) | outside(ticks)
+    for shift in (-1, 0, 1):
+        found |= outside(np.clip(turn + shift, 1, ticks))
+    return found
