@@ -1,4 +1,4 @@
-"""A picture as PNG: drawn three times too large and shrunk, in bands, so that memory stays bounded on a large page."""
+"""A picture as PNG: drawn four times too large and shrunk, in bands, so that memory stays bounded on a large page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from plotter.preview.sheet import (
 )
 from plotter.preview.trace import Trace
 
-OVERSAMPLE = 3
+OVERSAMPLE = 4
 LARGEST_PIXELS = 36_000_000
 BAND_PIXELS = 12_000_000  # before shrinking
 SHARP_TURN_COS = math.cos(math.radians(20.0))

@@ -17,14 +17,13 @@ def _flag_table(x: float, y: float) -> str:
         for large in (0, 1):
             for sweep in (0, 1):
                 color = ("#1b6ca8", "#c0392b", "#27824a", "#8e44ad")[2 * large + sweep]
-                out.append(
-                    f'<path d="M {num(ox)} {num(oy)} A 18 11 {rotation} {large} {sweep} {num(ox + 16)} {num(oy + 9)}" stroke="{color}"/>'
-                )
+                arc = f"A 18 11 {rotation} {large} {sweep} {num(ox + 16)} {num(oy + 9)}"
+                out.append(f'<path d="M {num(ox)} {num(oy)} {arc}" stroke="{color}"/>')
     return "\n".join(out)
 
 
 def _rose_window(cx: float, cy: float) -> str:
-    """Scalloped rings, each one path of relative arcs with flags and numbers run together as SVGO writes them, and petals between."""
+    """Rings of scallops, each one path of relative arcs with numbers run together as SVGO writes them; petals between."""
     out = []
     for radius, scallops, bulge in ((49.0, 24, 0.52), (31.0, 12, 0.56), (14.0, 12, 0.6)):
         corners = [
@@ -60,12 +59,14 @@ def _spiral(cx: float, cy: float) -> str:
 def _too_small(x: float, y: float) -> str:
     """Arcs whose radii cannot reach: to be enlarged until they just do. Then a zero radius: a straight line."""
     waves = " ".join("a 1 1 0 0 1 8 0 a 1 2 0 0 0 8 0" for _ in range(6))
-    return f'<path d="M {num(x)} {num(y)} {waves}"/>\n<path d="M {num(x)} {num(y + 11)} a 0 5 0 0 1 32 0 A 30 0 0 1 0 {num(x + 64)} {num(y + 11)} h 32"/>'
+    straight = f"a 0 5 0 0 1 32 0 A 30 0 0 1 0 {num(x + 64)} {num(y + 11)} h 32"
+    return f'<path d="M {num(x)} {num(y)} {waves}"/>\n<path d="M {num(x)} {num(y + 11)} {straight}"/>'
 
 
 def arcs() -> str:
     return f"""<?xml version="1.0" encoding="UTF-8"?>
-<svg xmlns="http://www.w3.org/2000/svg" width="{num(WIDTH_MM / 25.4)}in" height="{num(HEIGHT_MM / 25.4)}in" viewBox="0 0 {WIDTH_MM} {HEIGHT_MM}">
+<svg xmlns="http://www.w3.org/2000/svg" width="{num(WIDTH_MM / 25.4)}in" height="{num(HEIGHT_MM / 25.4)}in"
+  viewBox="0 0 {WIDTH_MM} {HEIGHT_MM}">
 <title>Arcs</title>
 <desc>Public domain, CC0 1.0</desc>
 <g id="flags" fill="none" stroke-width=".35" stroke-linecap="round">

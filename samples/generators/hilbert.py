@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from generators.svgtext import num
@@ -52,7 +54,7 @@ def hilbert() -> str:
     _visit(0.0, 0.0, 1.0, (1, 0), (0, 1), 0, cells)
     points = np.array(cells) * SIDE_MM + np.array([(WIDTH_MM - SIDE_MM) / 2, (HEIGHT_MM - SIDE_MM) / 2])
     moves = [f"M{num(points[0, 0])} {num(points[0, 1])}"]
-    for (x0, y0), (x1, y1) in zip(points[:-1], points[1:], strict=True):
+    for (x0, y0), (x1, y1) in pairwise(points.tolist()):
         if y0 == y1:
             moves.append(f"H{num(x1)}")
         elif x0 == x1:
