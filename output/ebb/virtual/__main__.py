@@ -27,6 +27,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--nickname", default="", help="the board's name tag")
     parser.add_argument("--no-wire", action="store_true", help="leave the bytes of the wire out of the record")
     parser.add_argument("--pen-down", action="store_true", help="start with the pen on the paper")
+    parser.add_argument("--patience", type=float, default=0.0, help="seconds a board about to run dry waits for the host")
     parser.add_argument("--control", action="store_true", help="take control commands on stdin; its end stops the board")
     return parser
 
@@ -51,6 +52,7 @@ def main() -> int:
         record=options.record,
         faults=faults,
         control=0 if options.control else None,
+        patience_s=options.patience,
     )
     signal.signal(signal.SIGTERM, lambda *_: server.stop())
     signal.signal(signal.SIGINT, signal.SIG_IGN if options.control else lambda *_: server.stop())

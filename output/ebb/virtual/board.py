@@ -24,6 +24,7 @@ from output.ebb.virtual.pins import Pins
 from output.ebb.virtual.record import Recorder
 from output.ebb.virtual.registers import TICKS_PER_S
 from output.ebb.virtual.servo import PEN_RP_PIN, Servo
+from output.ebb.virtual.timed_reports import TimedReports
 
 ADC_SCAN_TICKS = 150  # V+ is compared with its threshold about every 6 ms
 CURRENT_ADC = 394
@@ -119,6 +120,7 @@ class Board:
         self.alternative_button = True
         self.button_pressed = False
         self.analog_channels = {0, 11}
+        self.reports = TimedReports()
         self.pins.reset()
         self.motion.abort(self.now)
         self.motion = MotionQueue(idle_since=self.now)
@@ -171,7 +173,13 @@ class Board:
 
     def next_event(self) -> int | None:
         """The next tick at which the board does something by itself, or None."""
-        events = [self.motion.next_event(), self._parsed_at, self.servo.power_off_at, self._motors_off_at]
+        events = [
+            self.motion.next_event(),
+            self._parsed_at,
+            self.servo.power_off_at,
+            self._motors_off_at,
+            self.reports.next_tick(),
+        ]
         return min((event for event in events if event is not None), default=None)
 
     def advance(self, ticks: int) -> None:
@@ -200,6 +208,9 @@ class Board:
         if self._motors_off_at is not None and self._motors_off_at <= now:
             self._motors_off_at = None
             self.set_motors(False, False)
+        if self.reports.due:
+            for packet in self.reports.packets(self):
+                self._send(packet)
         if self._handling is not None:
             self._resume()
         if self._parsed_at is not None and self._parsed_at <= now:
@@ -321,7 +332,7 @@ class Board:
 
     def _ended(self, entry: QueueEntry, tick: int) -> None:
         if isinstance(entry, EnableMotors):
-            self._enable_motors(entry)
+            self.enable_motors(entry)
         elif isinstance(entry, Engrave):
             self.engraver_power = entry.power
         self.recorder.ended(tick, entry)
@@ -381,7 +392,8 @@ class Board:
         if self.auto_enable:
             self.set_motors(True, True)
 
-    def _enable_motors(self, entry: EnableMotors) -> None:
+    def enable_motors(self, entry: EnableMotors) -> None:
+        """EM as it is executed: drivers, step size, and all counters back to zero."""
         first = entry.motor1 > 0
         second = self.motors_on[1] if entry.motor2 is None else entry.motor2 > 0
         self.set_motors(first, second)
@@ -402,10 +414,6 @@ class Board:
         self.recorder.stopped(self.now)
         self.restart_stepper_timeout()
         return interrupted
-
-    def emergency_stop_old(self) -> bytes:
-        """ES of 2.x: only SM, XM, HM and LM are stopped; what was left is told."""
-        return b"%d,0,0,0,0" % self.emergency_stop()
 
     def state(self) -> dict[str, Any]:
         """What can be asked of the board at this tick without sending it anything."""

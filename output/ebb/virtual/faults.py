@@ -110,13 +110,17 @@ class FaultScript:
         ticks += [tick for tick, _, _ in self.later]
         return min(ticks, default=None)
 
-    def incoming(self, data: bytes) -> bytes:
-        """Count bytes that reach the board, and arm what waits for them."""
-        self.bytes_seen += len(data)
+    def incoming(self, data: bytes) -> int:
+        """How many of these bytes reach the board before something happens; at least one. Counts them and arms what waits."""
+        count = len(data)
+        for fault in self.faults:
+            if fault.byte is not None and not fault.armed:
+                count = min(count, max(1, fault.byte + 1 - self.bytes_seen))
+        self.bytes_seen += count
         for fault in self.faults:
             if fault.byte is not None and fault.byte < self.bytes_seen:
                 fault.armed = True
-        return data
+        return count
 
     def due(self, board: Board) -> list[Outcome]:
         """What happens at this tick by time, byte or stroke."""
@@ -160,7 +164,8 @@ class FaultScript:
                 outcomes = self._reply(fault, outcomes)
             else:
                 before = self._world(fault, board, sent.data)
-                gone = any(outcome.hang_up for outcome in before) or fault.parameters.get("place") == "inside"
+                gone = fault.name == "reboot" or any(outcome.hang_up for outcome in before)
+                gone = gone or fault.parameters.get("place") == "inside"
                 after = fault.parameters.get("place") == "after"
                 outcomes = before if gone else outcomes + before if after else before + outcomes
             self._spend(fault)

@@ -116,7 +116,7 @@ def tr(board: Board, p: Packet) -> Handling:
     steps1 = p.i32() or 0
     steps2 = p.i32(optional=True) or 0
     clear = p.u32(optional=True) or 0
-    if not p.failed and not 1 <= frequency <= 25_000:
+    if not 1 <= frequency <= 25_000:
         if p.firmware.one_error:
             p.say(b"!1 Err: Invalid step rate")
         else:
@@ -183,8 +183,6 @@ def _stepwise(board: Board, p: Packet, with_jerk: bool) -> Handling:
     # The board looks at the first axis' jerk in both tests.
     if board.limit_checks and not ((r1 or a1 or j1) and s1) and not ((r2 or a2 or j1) and s2):
         p.error(INVALID)
-        if not p.firmware.one_error:
-            p.ok()
         return
     axes = []
     for rate, steps, accel, jerk in ((r1, s1, a1, j1), (r2, s2, a2, j2)):
@@ -238,8 +236,6 @@ def _timewise(board: Board, p: Packet, with_jerk: bool) -> Handling:
         return
     if board.limit_checks and intervals == 0:
         p.error(INVALID)
-        if not p.firmware.one_error:
-            p.ok()
         return
     ramps = (signed_ramp(*values[:3]), signed_ramp(*values[3:]))
     board.enable_for_move()
@@ -265,8 +261,6 @@ def td(board: Board, p: Packet) -> Handling:
         return
     if board.limit_checks and intervals == 0:
         p.error(INVALID)
-        if not p.firmware.one_error:
-            p.ok()
         return
     first = (signed_ramp(r1a, 0, j1), signed_ramp(r2a, 0, j2))
     second = (signed_ramp(r1b, a1, int32(-j1)), signed_ramp(r2b, a2, int32(-j2)))
@@ -340,7 +334,7 @@ def em(_board: Board, p: Packet) -> Handling:
     motor2 = p.u8(optional=True)
     if p.failed:
         return
-    if motor2 is None and p.firmware.since(2, 8, 0):
+    if motor2 is None:
         # With one parameter the board does nothing and forgets to reply.
         return
     yield EnableMotors("EM", motor1 or 0, motor2)

@@ -117,12 +117,14 @@ def start_virtual_board(
     nickname: str = "",
     pen_down: bool = False,
     keep_wire: bool = True,
+    patience_s: float = 0.0,
 ) -> Iterator[VirtualBoard]:
     """A virtual board in its own process, ready when the context is entered and gone when it is left.
 
     `speed` is board time over real time; `record` is where its record is kept after the context (None: until then);
     `faults` a script as in `output.ebb.virtual.faults`; `pty` a symbolic link to make for the port; `pen_down` starts with the
-    pen on the paper. Raises LinkLost when the process does not start.
+    pen on the paper; `patience_s` is how long, in real time, a board that is about to run dry waits for the host (for fast runs
+    whose underruns are to be the stream's own). Raises LinkLost when the process does not start.
     """
     with tempfile.TemporaryDirectory(prefix="virtual-board-") as scratch:
         record_path = Path(scratch) / "record.json" if record is None else record
@@ -138,6 +140,8 @@ def start_virtual_board(
             command += ["--nickname", nickname]
         if pen_down:
             command.append("--pen-down")
+        if patience_s:
+            command += ["--patience", str(patience_s)]
         if not keep_wire:
             command.append("--no-wire")
         # Its own session: a Ctrl-C for the program under test is not one for the board.

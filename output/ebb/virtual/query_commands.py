@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from output.ebb.virtual.moves import StepperMove
 from output.ebb.virtual.packet import INVALID, Packet
 
 if TYPE_CHECKING:
@@ -102,8 +101,8 @@ def es(board: Board, p: Packet) -> None:
     disable = p.u8(optional=True)
     if p.failed:
         return
-    text = b"%d" % board.emergency_stop() if board.firmware.signed_rates else board.emergency_stop_old()
-    if disable == 1 and board.firmware.since(2, 8, 0):
+    text = b"%d" % board.emergency_stop()
+    if disable == 1:
         board.set_motors(False, False)
     if p.syntax.future:
         p.out += text + b"\n"
@@ -210,9 +209,3 @@ def ck(_board: Board, p: Packet) -> None:
             return
         p.out += b"Param6=%c" % character + end
     p.ok()
-
-
-def stepper_running(board: Board) -> bool:
-    """Whether the running command is a stepper move."""
-    running = board.motion.running
-    return running is not None and isinstance(running.entry, StepperMove)

@@ -70,6 +70,7 @@ class Recorder:
     lowest_lead_ticks: int | None = None
     blocked: list[tuple[int, int]] = field(default_factory=list)
     commands: int = 0
+    queue_pushes: int = 0
     stepper_moves: int = 0
     first_motion: int | None = None
     last_motion: int | None = None
@@ -108,6 +109,7 @@ class Recorder:
             self.touch_changes.append((change, not touching))
 
     def queued(self, _tick: int, entry: QueueEntry, lead_ticks: int, idle: bool) -> None:
+        self.queue_pushes += 1
         if not isinstance(entry, StepperMove):
             return
         self._since_standstill = 0 if idle else self._since_standstill + 1

@@ -3,6 +3,10 @@
 The board executes by its own clock: what the host sends late is late. Where this process itself is late (it wakes up after
 the time it asked for), the board's clock loses that time instead, so that a busy machine is not taken for a slow host; the
 sum is recorded as `clock_slip_s`.
+
+At a high speed an ordinary pause of the host is long in board time. With `patience_s`, the clock stands still for up to that
+much real time whenever the last command in the queue is about to end, so that fast runs measure the stream and not the host;
+recorded as `patience_used_s`.
 """
 
 from __future__ import annotations
@@ -24,6 +28,8 @@ from output.ebb.virtual.registers import TICKS_PER_S
 USB_PACKET = 64
 LONGEST_WAIT_S = 0.02
 LATENESS_S = 0.002
+# A board that is about to run dry is held this long before it, so that a command can still be parsed in time.
+HOLD_MARGIN_TICKS = 200
 
 
 @dataclass(slots=True)
@@ -51,6 +57,7 @@ class Server:
         faults: FaultScript,
         control: int | None = None,
         answers: int = 1,
+        patience_s: float = 0.0,
     ) -> None:
         self.board = board
         self.wire: PseudoTerminal | None = PseudoTerminal(link)
@@ -73,6 +80,10 @@ class Server:
         self._back_at: int | None = None
         self._frozen_until: int | None = None
         self.clock_slip_s = 0.0
+        self._patience_s = patience_s
+        self._patience_left_s = patience_s
+        self._queued_before = 0
+        self.patience_used_s = 0.0
 
     # ---- the loop
 
@@ -92,7 +103,12 @@ class Server:
                     self.clock_slip_s += elapsed_s - allowed_s
                     elapsed_s = allowed_s
                 self._exact_tick += elapsed_s * TICKS_PER_S * self._speed
-                self._advance(int(self._exact_tick))
+                reached = self._advance(int(self._exact_tick), listened=self._watching is not None)
+                if reached < int(self._exact_tick):
+                    held_s = (self._exact_tick - reached) / (TICKS_PER_S * self._speed)
+                    self._patience_left_s -= held_s
+                    self.patience_used_s += held_s
+                    self._exact_tick = float(reached)
                 if any(key.fd == self._control for key, _ in ready):
                     self._read_control()
         finally:
@@ -114,6 +130,7 @@ class Server:
     def write_record(self, path: Path) -> None:
         """The record up to now."""
         state = {**self.board.state(), "speed": self._speed, "clock_slip_s": self.clock_slip_s}
+        state["patience_used_s"] = self.patience_used_s
         self.board.recorder.write(path, self.board.now, state)
 
     def _watch_wire(self) -> None:
@@ -139,25 +156,63 @@ class Server:
             return LONGEST_WAIT_S
         return min(LONGEST_WAIT_S, max(0.0, (soonest - self._exact_tick) / (TICKS_PER_S * self._speed)))
 
-    def _advance(self, target: int) -> None:
-        """Let the board live until `target`, feeding it whenever it is ready to take bytes on the way."""
+    def _advance(self, target: int, *, listened: bool) -> int:
+        """Let the board live until `target`, feeding it whenever it is ready to take bytes on the way.
+
+        Returns the tick that was reached: before `target` when the board is held for a host that is not ready.
+
+        `listened`: bytes would have ended the wait, so what is there now has come only now. A board that was busy finds
+        them waiting as soon as it is ready, at whatever tick that is.
+        """
         board = self.board
-        dry = False
+        hopeful = not listened
         while True:
-            if not dry and self.wire is not None and board.wants_bytes and self._frozen_until is None:
-                data = self.wire.read(USB_PACKET)
-                dry = not data
-                if data:
-                    board.feed(self._faults.incoming(data))
-            event = board.next_event()
-            faulty = self._faults.next_tick()
-            stops = [tick for tick in (event, faulty, self._back_at, self._frozen_until) if tick is not None and tick <= target]
+            if hopeful:
+                hopeful = self._take_bytes()
+            target = self._held(target)
+            ticks = (board.next_event(), self._faults.next_tick(), self._back_at, self._frozen_until)
+            stops = [tick for tick in ticks if tick is not None and tick <= target]
             board.advance_to(min(stops, default=target))
             self._outside_events()
             self._collect()
             if not stops:
                 break
+        if listened:
+            self._take_bytes()
+        self._collect()
         self._flush()
+        return target
+
+    def _held(self, target: int) -> int:
+        """`target`, or sooner while there is patience and the running command is the last one the board has."""
+        board = self.board
+        recorder = board.recorder
+        if recorder.queue_pushes != self._queued_before:
+            self._queued_before = recorder.queue_pushes
+            self._patience_left_s = self._patience_s
+        if self._patience_left_s <= 0 or not board.wants_bytes or board.motion.entries:
+            return target
+        running = board.motion.running
+        if running is None or running.end is None:
+            return target
+        return min(target, max(board.now, running.end - HOLD_MARGIN_TICKS))
+
+    def _take_bytes(self) -> bool:
+        """Feed one USB packet if the board is ready; False when the wire has nothing more."""
+        if self.wire is not None and self.board.wants_bytes and self._frozen_until is None:
+            data = self.wire.read(USB_PACKET)
+            if not data:
+                return False
+            self._feed(data)
+        return True
+
+    def _feed(self, data: bytes) -> None:
+        """Give the board what arrived, up to a byte at which something happens, and the rest if the wire is still there."""
+        while data and self.wire is not None:
+            count = self._faults.incoming(data)
+            self.board.feed(data[:count])
+            data = data[count:]
+            self._outside_events()
 
     # ---- to the host
 
@@ -173,6 +228,8 @@ class Server:
             self._act(outcome)
 
     def _flush(self) -> None:
+        if self._frozen_until is not None:
+            return
         while self._pending and self._pending[0].tick <= self.board.now:
             item = self._pending.popleft()
             self._unwritten += item.data

@@ -165,6 +165,7 @@ def r(board: Board, p: Packet) -> None:
     p.echo()
     p.ok()
     board.reset()
+    p.syntax = board.syntax
 
 
 def rb(board: Board, _p: Packet) -> None:
