@@ -40,10 +40,10 @@ def _path(name: str, data: str, color: str) -> str:
 
 
 def rosette() -> str:
-    woven = [_path("band", _wave(53.0, 11.0, 40, 7), BLUE), _path("rim", _wave(67.5, 1.1, 96, 1), BLUE)]
+    woven = [_path("band", _wave(53.0, 11.0, 40, 7), BLUE), _path("rim", _wave(67.5, 0.9, 72, 1), BLUE)]
     rose = [
-        _path("rose", _wave(22.5, 17.5, 19, 6), RED),
-        _path("eye", _wave(3.2, 0.7, 8, 1), RED),
+        _path("rose", _wave(25.0, 14.0, 19, 6), RED),
+        _path("eye", _wave(7.0, 1.2, 6, 1), RED),
     ]
     layers = inkscape_layer(1, "1 blue", "".join(woven)) + inkscape_layer(2, "2 red", "".join(rose))
     return inkscape_document(WIDTH_MM, HEIGHT_MM, layers, title="Guilloche rosette")
