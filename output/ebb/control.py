@@ -27,7 +27,8 @@ class StopFlag:
         self.pause_reason: str | None = None
         self._wakers: tuple[Callable[[], None], ...] = ()
 
-    def __bool__(self) -> bool:
+    @property
+    def requested(self) -> bool:
         return self.reason is not None
 
     def stop(self, reason: str, signal_number: int | None = None) -> None:

@@ -22,6 +22,8 @@ from dataclasses import dataclass
 
 # How far a modelled idle moment may lie before an acknowledgement without being called a stall: the jitter of one poll.
 STALL_TOLERANCE_S = 0.003
+# Switching motors on or a servo without a wait takes a tick: nothing moves that could stutter after it.
+_NO_MOTION_S = 0.001
 # A firmware that cannot count its queue (3.0.0) is credited with what its clock must have finished; 2 % covers the oscillator.
 _CLOCK_MARGIN = 1.02
 
@@ -51,6 +53,7 @@ class QueueModel:
         self._entries_since_poll = 0
         self._entries_at_poll = 0
         self._idle_at: float | None = None
+        self._was_moving = False
 
     @property
     def completed(self) -> int:
@@ -86,10 +89,11 @@ class QueueModel:
         """The oldest command on the wire is in the board's queue."""
         self.acknowledged += 1
         duration_s = sum(entry.duration_s for entry in self._unfinished if entry.number == self.acknowledged)
-        if self._idle_at is not None and now > self._idle_at + STALL_TOLERANCE_S:
+        if self._idle_at is not None and self._was_moving and now > self._idle_at + STALL_TOLERANCE_S:
             self.stalls += 1
             self.stalled_s += now - self._idle_at
         self._idle_at = max(now, self._idle_at or now) + duration_s
+        self._was_moving = duration_s >= _NO_MOTION_S
 
     def expect_idle(self) -> None:
         """The board runs empty on purpose (a pause, the end): what follows is no stall."""
@@ -105,6 +109,7 @@ class QueueModel:
         `waiting` is None where the firmware only tells empty from not empty.
         """
         since, at_poll = self._entries_since_poll, self._entries_at_poll
+        counted = waiting is not None or fifo_empty
         if waiting is None:
             waiting = 0 if fifo_empty else self._waiting_by_clock(at_poll, now)
         alive = min(at_poll, waiting + (1 if executing or waiting else 0))
@@ -112,7 +117,8 @@ class QueueModel:
         for _ in range(finished):
             self._unfinished.popleft()
         self._waiting_bound = waiting + since
-        self._bound_idle(waiting, alive, now)
+        if counted:
+            self._bound_idle(waiting, alive, now)
 
     def _bound_idle(self, waiting: int, alive: int, now: float) -> None:
         """The board is busy at least for what waits and at most for that and the whole of what executes."""

@@ -59,6 +59,7 @@ _DATA = {
 _ANY_DATA = re.compile(r"[ -~]*")
 _ERROR = re.compile(r"!\d{1,2} Err: ")
 _SHORT_ERROR = re.compile(r"!\d{1,2} Err\b")
+_NAMED_ERROR = re.compile(r"[A-Z0-9]{1,2},{1,2}!\d{1,2} Err\b")
 _LIMIT = "Limit switch triggered"
 _BANNER = re.compile(r"^EBB.*Firmware Version")
 
@@ -221,10 +222,7 @@ class Protocol:
         if head is None:
             if _BANNER.match(text):
                 return Notice(text)
-            last_name = self._last[1]
-            if last_name and text.startswith(f"{last_name},!"):
-                return self._refusal(None, text[len(last_name) + 1 :])
-            return self._stray(text)
+            return self._refusal(None, text[text.index("!") :]) if _NAMED_ERROR.match(text) else self._stray(text)
         if text == head.name:
             return self._answered("") if head.name not in _DATA or head.name == "QT" else self._stray(text)
         if text.startswith(head.name):
@@ -233,14 +231,13 @@ class Protocol:
                 return self._refusal(head, rest)
             if text[len(head.name)] == "," and _DATA.get(head.name, _ANY_DATA).fullmatch(text[len(head.name) + 1 :]):
                 return self._answered(text[len(head.name) + 1 :]) if head.name in _FORMS else self._stray(text)
-        if self._last[1] and text.startswith(f"{self._last[1]},!"):
-            return self._refusal(None, text[len(self._last[1]) + 1 :])
+        if _NAMED_ERROR.match(text):
+            return self._refusal(None, text[text.index("!") :])
         return Notice(text) if _BANNER.match(text) else self._stray(text)
 
     def _legacy_line(self, text: str) -> Event | None:
         head = self._pending[0] if self._pending else None
-        named_error = head is not None and text.startswith(f"{head.name},!")
-        if _SHORT_ERROR.match(text) or named_error:
+        if _SHORT_ERROR.match(text) or _NAMED_ERROR.match(text):
             return self._refusal(head, text[text.index("!") :])
         if head is None:
             return Notice(text) if _BANNER.match(text) else self._stray(text)

@@ -125,7 +125,8 @@ class Board:
             self._depth = 1
             if self.abilities.deep_queue:
                 longest = int(self.query("QU,2").split(",")[-1])
-                self._talk.ask(f"CU,4,{longest}", _IDLE_TIMEOUT_S)
+                moving = int(self.query("QG"), 16) & 0x0F
+                self._talk.ask(f"CU,4,{longest}", _IDLE_TIMEOUT_S if moving else REPLY_TIMEOUT_S)
                 self._depth = int(self.query("QU,3").split(",")[-1])
         return self._depth
 

@@ -148,7 +148,7 @@ class Streamer:
         """Sends, watches and waits until the last command has been executed."""
         try:
             while not self._finished():
-                if self._stop:
+                if self._stop.requested:
                     raise StopRequested
                 self._follow_pause()
                 self._feed()
@@ -169,7 +169,7 @@ class Streamer:
 
     def _feed(self) -> None:
         while self.progress.state is State.RUNNING and (item := self._producer.peek()) is not None:
-            if self._stop:
+            if self._stop.requested:
                 return
             if isinstance(item, Command):
                 if not self._may_send(item):

@@ -55,6 +55,7 @@ class FakeEbb:
     motors_on: bool = False
     blocked_s: float = 0.0
     transcript: list[tuple[float, str]] = field(default_factory=list)
+    written: list[tuple[float, bytes]] = field(default_factory=list)
     button: bool = False
     power_low: bool = False
     dead: bool = False
@@ -79,6 +80,7 @@ class FakeEbb:
     def send(self, data: bytes) -> None:
         if self.dead:
             raise LinkLost("the link to fake is lost (pulled)")
+        self.written.append((self.now, data))
         self._in.append((self.now + self.latency_s, data))
 
     def receive(self, timeout_s: float) -> bytes:
@@ -256,6 +258,8 @@ class FakeEbb:
         return self._ok(wire, str(hit))
 
     def _motion(self, name: str, numbers: list[int], wire: str) -> bytes:
+        if name == "SM" and len(numbers) < 3:
+            return self._error(wire, "!4 Err: Missing parameter(s)")
         if name == "SM" and numbers[0] == 0:
             return self._error(wire, "!6 Err: Invalid parameter value")
         entry = Entry(wire, 40e-6)
