@@ -1,18 +1,15 @@
-"""How long a plot takes and what it consists of: a tally of the program that would be sent, not a model of it.
-
-Every command is counted with the board time it takes, so that the estimate is wrong only by what the host makes the board wait.
-"""
+"""What a plan consists of: distances, strokes and lifts, in all and layer by layer, counted as the plan passes by."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from output.ebb.board_time import board_time_s
-from output.ebb.commands import SP, Command
-from output.ebb.program import LayerMark, Mark, StrokeEnd, StrokeMark
+from output.ebb.estimate import Estimate, Times
 from planning.motion.plan import Action, Draw, LayerStart, Lift, Motion, Travel
 
 # Speed is the root of a quartic in time: five points integrate its length to well under a micrometre a piece.
@@ -21,19 +18,12 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 @dataclass(slots=True)
 class Tally:
-    """Seconds of board time, millimetres of pen travel, and counts."""
+    """Millimetres of pen travel, and counts."""
 
-    pen_down_s: float = 0.0
-    pen_up_s: float = 0.0
-    pen_lift_s: float = 0.0
     pen_down_mm: float = 0.0
     pen_up_mm: float = 0.0
     pen_lifts: int = 0
     strokes: int = 0
-
-    @property
-    def duration_s(self) -> float:
-        return self.pen_down_s + self.pen_up_s + self.pen_lift_s
 
 
 @dataclass(slots=True)
@@ -45,29 +35,25 @@ class LayerTally(Tally):
 
 
 @dataclass(slots=True)
-class Estimate:
-    """Fills itself while a plan and its program pass through it: `program(encode(estimate.plan(actions)))`."""
+class PlanTally:
+    """Counts what passes through `watch`."""
 
     total: Tally = field(default_factory=Tally)
     layers: list[LayerTally] = field(default_factory=list)
-    commands: int = 0
-    low_mm: np.ndarray = field(default_factory=lambda: np.full(2, np.inf))
-    high_mm: np.ndarray = field(default_factory=lambda: np.full(2, -np.inf))
-    _planned: LayerTally | None = None
-    _sent: LayerTally | None = None
+    low_mm: NDArray[np.float64] = field(default_factory=lambda: np.full(2, np.inf))
+    high_mm: NDArray[np.float64] = field(default_factory=lambda: np.full(2, -np.inf))
 
     @property
     def bounds_mm(self) -> tuple[float, float, float, float]:
         """(left, top, right, bottom) of where the pen is down, machine millimetres."""
         return float(self.low_mm[0]), float(self.low_mm[1]), float(self.high_mm[0]), float(self.high_mm[1])
 
-    def plan(self, actions: Iterable[Action]) -> Iterator[Action]:
+    def watch(self, actions: Iterable[Action]) -> Iterator[Action]:
         """The same actions; distances, strokes and lifts are counted as they pass."""
         for action in actions:
             match action:
                 case LayerStart(number=number, name=name):
-                    self._planned = LayerTally(number=number, name=name)
-                    self.layers.append(self._planned)
+                    self.layers.append(LayerTally(number=number, name=name))
                 case Draw(motion=motion):
                     self._count(pen_down_mm=length_mm(motion), strokes=1)
                     self._see(motion)
@@ -77,27 +63,8 @@ class Estimate:
                     self._count(pen_lifts=1)
             yield action
 
-    def program(self, items: Iterable[Command | Mark]) -> Iterator[Command | Mark]:
-        """The same items; board time is counted as they pass."""
-        drawing = False
-        for item in items:
-            match item:
-                case LayerMark(number=number):
-                    self._sent = next((layer for layer in self.layers if layer.number == number), None)
-                case StrokeMark():
-                    drawing = True
-                case StrokeEnd():
-                    drawing = False
-                case Command():
-                    self.commands += 1
-                    seconds = board_time_s(item)
-                    phase = "pen_lift_s" if isinstance(item, SP) else "pen_down_s" if drawing else "pen_up_s"
-                    for tally in self._tallies(self._sent):
-                        setattr(tally, phase, getattr(tally, phase) + seconds)
-            yield item
-
     def _count(self, **amounts: float) -> None:
-        for tally in self._tallies(self._planned):
+        for tally in (self.total, *self.layers[-1:]):
             for name, amount in amounts.items():
                 setattr(tally, name, getattr(tally, name) + amount)
 
@@ -107,8 +74,33 @@ class Estimate:
                 self.low_mm = np.minimum(self.low_mm, points.min(axis=0))
                 self.high_mm = np.maximum(self.high_mm, points.max(axis=0))
 
-    def _tallies(self, layer: LayerTally | None) -> tuple[Tally, ...]:
-        return (self.total,) if layer is None else (self.total, layer)
+
+def facts(tally: PlanTally, estimate: Estimate) -> dict[str, Any]:
+    """`preview --json`'s values: the plan's distances and the program's board time, in all and by layer."""
+    times = {layer.number: layer for layer in estimate.layers}
+    return {
+        **_together(tally.total, estimate),
+        "layers": [
+            {"number": layer.number, "name": layer.name, **_together(layer, times.get(layer.number, Times()))}
+            for layer in tally.layers
+        ],
+        "bounds_mm": [round(value, 4) for value in tally.bounds_mm],
+        "commands": estimate.commands,
+    }
+
+
+def _together(tally: Tally, times: Times) -> dict[str, float]:
+    values = {
+        "duration_s": times.duration_s,
+        "pen_down_s": times.pen_down_s,
+        "pen_up_s": times.pen_up_s,
+        "pen_lift_s": times.pen_lift_s,
+        "pen_down_mm": tally.pen_down_mm,
+        "pen_up_mm": tally.pen_up_mm,
+        "pen_lifts": tally.pen_lifts,
+        "strokes": tally.strokes,
+    }
+    return {name: round(value, 4) for name, value in values.items()}
 
 
 def length_mm(motion: Motion) -> float:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import io
-from pathlib import Path
+import sys
 from typing import Any
 
 import click
 
 from output.ebb.command_file import write_command_file
+from output.ebb.estimate import estimate
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
 from plotter.errors import BadInput
-from plotter.estimate import Estimate
-from plotter.pipeline import Job, board_setup, planned, prepare, program
+from plotter.estimate import PlanTally
+from plotter.pipeline import board_setup, planned, prepare, program
+from plotter.settings import ResolvedSettings
 from plotter.units import spoken_duration
 
 
@@ -33,31 +34,30 @@ def export(file: str, output: str, **options: Any) -> None:
     resolved = collect(options)
     job = prepare(file, collect_reading(options), resolved.values)
     notes(job.notes)
-    estimate = Estimate()
-    body = io.StringIO()
+    tally = PlanTally()
     setup = board_setup(job.settings, job.machine)
-    write_command_file(body, {}, estimate.program(program(estimate.plan(planned(job)), setup)))
-    head = io.StringIO()
-    write_command_file(head, _header(job, estimate, resolved.origin), ())
-    text = head.getvalue() + body.getvalue().split("\n", 1)[1]
-    if output == "-":
-        click.echo(text, nl=False)
-        return
-    try:
-        Path(output).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise BadInput(f"cannot write {output}: {error.strerror}; give another file with -o") from None
-    click.echo(f"{output}: {estimate.commands} commands, {spoken_duration(estimate.total.duration_s)}")
-
-
-def _header(job: Job, estimate: Estimate, origin: Any) -> dict[str, object]:
-    changed = {key: value for key, value in job.settings.model_dump().items() if origin[key] != "default"}
-    return {
+    items = list(program(tally.watch(planned(job)), setup))
+    times = estimate(items, setup.firmware)
+    header = {
         "machine": job.machine.name,
         "firmware": job.settings.firmware,
         "drawing": f"{job.name} sha256 {job.digest}",
-        "settings": " ".join(f"{key}={value}" for key, value in changed.items()),
-        "duration_s": f"{estimate.total.duration_s:.2f}",
-        "strokes": estimate.total.strokes,
-        "commands": estimate.commands,
+        "settings": _in_force(resolved),
+        "duration_s": f"{times.duration_s:.2f}",
+        "strokes": tally.total.strokes,
+        "commands": times.commands,
     }
+    if output == "-":
+        write_command_file(sys.stdout, header, items)
+        return
+    try:
+        write_command_file(output, header, items)
+    except OSError as error:
+        raise BadInput(f"cannot write {output}: {error.strerror}; give another file with -o") from None
+    click.echo(f"{output}: {times.commands} commands, {spoken_duration(times.duration_s)}")
+
+
+def _in_force(resolved: ResolvedSettings) -> str:
+    """Every setting that is not the program's own default, as `key=value` words."""
+    values = resolved.values.model_dump()
+    return " ".join(f"{key}={value}" for key, value in values.items() if resolved.origin[key] != "default")

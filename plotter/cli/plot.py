@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,9 @@ from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from planning.motion.limits import Kinematics
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
-from plotter.cli.say import Bar, notes, progress_bar
+from plotter.cli.say import notes, progress_bar
 from plotter.errors import BadInput, Interrupted
-from plotter.estimate import Estimate
+from plotter.estimate import PlanTally, Tally
 from plotter.pipeline import Job, board_setup, planned, prepare, program
 from plotter.preview.picture import draw_ink
 from plotter.units import spoken_duration
@@ -51,33 +50,28 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
             _plot_on(job, virtual.port, speed)
             _keep_picture(virtual, picture, job)
         return
-    _plot_on(job, _chosen_port(port), 1.0)
+    _plot_on(job, chosen_port(port), 1.0)
 
 
-def _chosen_port(port: str | None) -> str:
+def chosen_port(port: str | None) -> str:
+    """The port that was asked for. Raises BadInput when none was."""
     if port is None:
         raise BadInput("no port is given: name the board's with --port, or plot on the virtual board with --port sim")
     return port
 
 
 def _plot_on(job: Job, port: str, board_speed: float) -> None:
-    estimate = Estimate()
+    tally = PlanTally()
     with connect(port, board_speed=board_speed) as board, progress_bar(job.stroke_count) as bar:
         setup = board_setup(job.settings, job.machine, board.firmware)
-        items = _announced(estimate.program(program(estimate.plan(planned(job)), setup)), estimate, bar)
+        items = bar.watch(program(tally.watch(planned(job)), setup))
         started = time.monotonic()
         result = board.stream(items, on_progress=bar.show, stop=StopFlag())
-        _finish(result, f"{job.name} on {board.port_name}, firmware {board.firmware}")
-        click.echo(_summary(job, estimate, result, time.monotonic() - started))
+    finish(result, f"{job.name} on {board.port_name}, firmware {board.firmware}")
+    click.echo(_summary(job, tally.total, result, time.monotonic() - started))
 
 
-def _announced(items: Iterator[Any], estimate: Estimate, bar: Bar) -> Iterator[Any]:
-    """The same items; says to the bar when everything is planned, and how long it takes."""
-    yield from items
-    bar.planned(estimate.total.duration_s)
-
-
-def _finish(result: StreamResult, where: str) -> None:
+def finish(result: StreamResult, where: str) -> None:
     """Raises Interrupted for a plot that was stopped, saying what became of the pen."""
     if result.outcome == "done":
         return
@@ -86,11 +80,10 @@ def _finish(result: StreamResult, where: str) -> None:
     raise Interrupted(f"{result.reason}: {where} after {result.progress.strokes_done} strokes; {pen} and the motors are off")
 
 
-def _summary(job: Job, estimate: Estimate, result: StreamResult, took_s: float) -> str:
-    total = estimate.total
+def _summary(job: Job, total: Tally, result: StreamResult, took_s: float) -> str:
     text = (
         f"plotted {job.name}: {total.strokes} strokes, {total.pen_down_mm / 1000:.3f} m pen down, {total.pen_lifts} pen lifts"
-        f" in {spoken_duration(total.duration_s)} of board time ({spoken_duration(took_s)} by the clock)"
+        f" in {spoken_duration(result.progress.board_time_s)} of board time ({spoken_duration(took_s)} by the clock)"
     )
     if result.progress.stalls:
         text += f"\nthe board waited {result.progress.stalls} times for the computer, {result.progress.stalled_s:.2f} s in all"

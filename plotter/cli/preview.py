@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
 
+from output.ebb.estimate import estimate
 from planning.motion.plan import Action
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
-from plotter.estimate import Estimate, Tally
+from plotter.estimate import PlanTally, facts
 from plotter.pipeline import Job, board_setup, planned, prepare, program
 from plotter.preview.picture import draw_picture
 from plotter.units import spoken_duration
@@ -37,24 +36,18 @@ def preview(file: str, output: Path | None, as_json: bool, **options: Any) -> No
     settings = collect(options).values
     job = prepare(file, collect_reading(options), settings)
     notes(job.notes)
-    estimate = Estimate()
-    if output is None:
-        for _ in _estimated(job, planned(job), estimate):
-            pass
-    else:
-        _draw(job, estimate, output)
-    click.echo(json.dumps(_facts(job, estimate), indent=2) if as_json else _report(job, estimate, output))
+    tally = PlanTally()
+    actions = tally.watch(planned(job))
+    if output is not None:
+        kept = list(actions)
+        _draw(job, kept, output)
+        actions = iter(kept)
+    setup = board_setup(job.settings, job.machine)
+    values = {"file": job.name, "machine": job.machine.name, **facts(tally, estimate(program(actions, setup), setup.firmware))}
+    click.echo(json.dumps(values, indent=2) if as_json else _report(values, job, output))
 
 
-def _estimated(job: Job, actions: Iterator[Action], estimate: Estimate) -> Iterator[object]:
-    return estimate.program(program(estimate.plan(actions), board_setup(job.settings, job.machine)))
-
-
-def _draw(job: Job, estimate: Estimate, output: Path) -> None:
-    """The picture and the estimate from one pass over the plan."""
-    actions = list(planned(job))
-    for _ in _estimated(job, iter(actions), estimate):
-        pass
+def _draw(job: Job, actions: list[Action], output: Path) -> None:
     draw_picture(
         output,
         actions,
@@ -64,37 +57,22 @@ def _draw(job: Job, estimate: Estimate, output: Path) -> None:
     )
 
 
-def _facts(job: Job, estimate: Estimate) -> dict[str, Any]:
-    return {
-        "file": job.name,
-        "machine": job.machine.name,
-        **_rounded(estimate.total),
-        "layers": [{"number": t.number, "name": t.name, **_rounded(t)} for t in estimate.layers],
-        "bounds_mm": [round(value, 4) for value in estimate.bounds_mm],
-        "commands": estimate.commands,
-    }
-
-
-def _rounded(tally: Tally) -> dict[str, Any]:
-    facts = {key: value for key, value in asdict(tally).items() if key not in ("number", "name")}
-    return {key: round(value, 4) for key, value in {"duration_s": tally.duration_s, **facts}.items()}
-
-
-def _report(job: Job, estimate: Estimate, output: Path | None) -> str:
-    total = estimate.total
-    left, top, right, bottom = estimate.bounds_mm
+def _report(values: dict[str, Any], job: Job, output: Path | None) -> str:
+    left, top, right, bottom = values["bounds_mm"]
+    strokes, lifts = values["strokes"], values["pen_lifts"]
     lines = [
         f"{job.name} on {job.machine.title}",
-        f"  total      {spoken_duration(total.duration_s):>12}",
-        f"  pen down   {spoken_duration(total.pen_down_s):>12}   {total.pen_down_mm / 1000:9.3f} m in {total.strokes} strokes",
-        f"  pen up     {spoken_duration(total.pen_up_s):>12}   {total.pen_up_mm / 1000:9.3f} m",
-        f"  pen lifts  {spoken_duration(total.pen_lift_s):>12}   {total.pen_lifts:9d}",
+        f"  total      {spoken_duration(values['duration_s']):>12}",
+        f"  pen down   {spoken_duration(values['pen_down_s']):>12}   {values['pen_down_mm'] / 1000:9.3f} m, {strokes} strokes",
+        f"  pen up     {spoken_duration(values['pen_up_s']):>12}   {values['pen_up_mm'] / 1000:9.3f} m",
+        f"  pen lifts  {spoken_duration(values['pen_lift_s']):>12}   {lifts:9d}",
         f"  drawn area   x {left:.1f} to {right:.1f} mm, y {top:.1f} to {bottom:.1f} mm",
     ]
-    if len(estimate.layers) > 1:
+    if len(values["layers"]) > 1:
         lines += [
-            f"  layer {t.number} {t.name}: {spoken_duration(t.duration_s)}, {t.strokes} strokes, {t.pen_down_mm / 1000:.3f} m"
-            for t in estimate.layers
+            f"  layer {t['number']} {t['name']}: {spoken_duration(t['duration_s'])}, {t['strokes']} strokes,"
+            f" {t['pen_down_mm'] / 1000:.3f} m"
+            for t in values["layers"]
         ]
     if output is not None:
         lines.append(f"  picture    {output}")

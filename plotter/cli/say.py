@@ -10,6 +10,9 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 
+from output.ebb.board_time import board_time_s
+from output.ebb.commands import Command
+from output.ebb.program import Mark
 from output.ebb.stream import Progress as StreamProgress
 from plotter.units import spoken_duration
 
@@ -39,9 +42,14 @@ class Bar:
             )
             self._task = self.progress.add_task("plotting", total=max(total_strokes, 1), left="")
 
-    def planned(self, duration_s: float) -> None:
-        """All of the plot is planned now and takes this long: from here the bar counts time, before it counted strokes."""
-        self.total_s, self._planned = duration_s, True
+    def watch(self, items: Iterable[Command | Mark]) -> Iterator[Command | Mark]:
+        """The same items, adding up their board time: the bar counts strokes until all is planned, and time from then on."""
+        total_s = 0.0
+        for item in items:
+            if isinstance(item, Command):
+                total_s += board_time_s(item)
+            yield item
+        self.total_s, self._planned = total_s, True
 
     def show(self, done: StreamProgress) -> None:
         """Called by the stream; must never fail for a terminal that went away."""

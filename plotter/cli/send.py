@@ -1,0 +1,57 @@
+"""`plotter send`: a command file to a board, checked first."""
+
+from __future__ import annotations
+
+import click
+
+from output.ebb.command_file import Line, read_command_file
+from output.ebb.control import StopFlag
+from output.ebb.firmware import firmware
+from output.ebb.session import connect
+from output.ebb.verify import verify
+from output.ebb.virtual.process import start_virtual_board
+from plotter.cli.plot import SIM, chosen_port, finish
+from plotter.cli.say import progress_bar
+from plotter.cli.verify import DEFAULT_FIRMWARE, DEFAULT_MACHINE
+from plotter.errors import BadInput
+from plotter.machines.profile import load_machine
+from plotter.units import spoken_duration
+
+
+@click.command()
+@click.argument("file", metavar="COMMANDS")
+@click.option("--port", help="Serial port of the board; `sim` is the built-in virtual board.")
+@click.option("--speed", type=click.FloatRange(0.1, 1000), default=1.0, help="How much faster than real time `sim` runs.")
+def send(file: str, port: str | None, speed: float) -> None:
+    """Send a command file to a board, after replaying it as `plotter verify` does.
+
+    \b
+    plotter send drawing.ebb --port /dev/ttyACM0
+    """
+    where = chosen_port(port)
+    try:
+        header, lines = read_command_file(file)
+        items = list(lines)
+    except OSError as error:
+        raise BadInput(f"cannot read {file}: {error.strerror}; give a command file") from None
+    version = header.get("firmware", DEFAULT_FIRMWARE)
+    if where == SIM:
+        with start_virtual_board(firmware=version, speed=speed, keep_wire=False) as virtual:
+            _send_to(virtual.port, file, header, items, speed)
+        return
+    _send_to(where, file, header, items, 1.0)
+
+
+def _send_to(port: str, file: str, header: dict[str, str], items: list[Line], board_speed: float) -> None:
+    machine = load_machine(header.get("machine", DEFAULT_MACHINE))
+    with connect(port, board_speed=board_speed) as board:
+        reach = (0.0, 0.0, machine.width_mm, machine.height_mm)
+        report = verify(items, firmware(board.firmware), machine.kinematics(), travel_mm=reach, keep_strokes=False)
+        if not report.sendable:
+            raise BadInput(
+                f"{file} was not sent to firmware {board.firmware}: {report.problems[0]}; see `plotter verify {file}`"
+            )
+        with progress_bar(report.pen_lifts) as bar:
+            result = board.stream(bar.watch(line.item for line in items), on_progress=bar.show, stop=StopFlag())
+    finish(result, f"{file} on {board.port_name}")
+    click.echo(f"sent {file}: {report.commands} commands, {spoken_duration(report.duration_s)} of board time")

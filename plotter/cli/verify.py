@@ -1,0 +1,94 @@
+"""`plotter verify`: what a board would draw from a command file, and whether it should be sent."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from output.ebb.command_file import read_command_file
+from output.ebb.firmware import firmware
+from output.ebb.verify import Report, verify
+from plotter.errors import BadInput
+from plotter.machines.profile import load_machine
+from plotter.units import spoken_duration
+
+DEFAULT_MACHINE, DEFAULT_FIRMWARE = "axidraw-v3", "3.0.3"
+
+
+@click.command("verify")
+@click.argument("file", metavar="COMMANDS")
+@click.option(
+    "--machine", "machine_name", metavar="MACHINE", help="Machine, when the file's head names none or another is meant."
+)
+@click.option(
+    "--firmware", "version", metavar="FIRMWARE", help="Firmware, when the file's head names none or another is meant."
+)
+@click.option(
+    "--strokes", "strokes_file", type=click.Path(path_type=Path, dir_okay=False), help="Write pen-down polylines (JSON)."
+)
+@click.option("--json", "as_json", is_flag=True, help="For programs.")
+def verify_file(file: str, machine_name: str | None, version: str | None, strokes_file: Path | None, as_json: bool) -> None:
+    """Replay COMMANDS with the firmware's exact arithmetic. Exit code 2 when the file should not be sent.
+
+    \b
+    plotter verify drawing.ebb
+    plotter verify drawing.ebb --json --strokes ink.json
+    """
+    faults: list[str] = []
+    try:
+        header, lines = read_command_file(file, faults)
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"cannot read {file}: {getattr(error, 'strerror', None) or error}; give a command file") from None
+    machine = load_machine(machine_name or header.get("machine", DEFAULT_MACHINE))
+    board = firmware(version or header.get("firmware", DEFAULT_FIRMWARE))
+    reach = (0.0, 0.0, machine.width_mm, machine.height_mm)
+    report = verify(lines, board, machine.kinematics(), travel_mm=reach, problems=faults)
+    if not report.commands:
+        raise BadInput(f"{file} holds no board commands" + (f": {faults[0]}" if faults else "; give a file that export wrote"))
+    if strokes_file is not None:
+        _write_strokes(strokes_file, report, machine.width_mm, machine.height_mm)
+    values = {"file": file, "machine": machine.name, **report.as_dict()}
+    click.echo(json.dumps(_rounded(values), indent=2) if as_json else _said(file, report))
+    if not report.sendable:
+        raise BadInput(f"{file} should not be sent: {report.problems[0]}" + _more(report.problems))
+
+
+def _more(problems: list[str]) -> str:
+    return f" (and {len(problems) - 1} more problems)" if len(problems) > 1 else ""
+
+
+def _write_strokes(path: Path, report: Report, width_mm: float, height_mm: float) -> None:
+    """In the form that `plotter strokes` has, so that the two can be compared."""
+    polylines = [np.round(stroke, 5).tolist() for stroke in report.strokes]
+    try:
+        path.write_text(json.dumps({"width_mm": width_mm, "height_mm": height_mm, "polylines": polylines}), encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"cannot write {path}: {error.strerror}; give another file with --strokes") from None
+
+
+def _rounded(values: dict[str, Any]) -> dict[str, Any]:
+    return {key: round(value, 6) if isinstance(value, float) else value for key, value in values.items()}
+
+
+def _said(file: str, report: Report) -> str:
+    lines = [
+        f"{file}: {report.commands} commands for firmware {report.firmware}",
+        f"  duration       {spoken_duration(report.duration_s)}",
+        f"  pen down       {report.pen_down_mm / 1000:.3f} m in {len(report.strokes)} strokes, {report.pen_lifts} lifts",
+        f"  highest        {report.max_speed_mm_s:.1f} mm/s, {report.max_acceleration_mm_s2:.0f} mm/s2,"
+        f" {report.max_jerk_mm_s3:.0f} mm/s3; jump of speed {report.max_velocity_jump_mm_s:.3f} mm/s",
+        f"  ends at        {report.final_steps[0]}, {report.final_steps[1]} steps"
+        f" ({report.final_position_mm[0]:.3f}, {report.final_position_mm[1]:.3f} mm)",
+    ]
+    if report.bounds_mm is not None:
+        left, top, right, bottom = report.bounds_mm
+        lines.append(f"  drawn area     x {left:.1f} to {right:.1f} mm, y {top:.1f} to {bottom:.1f} mm")
+    if report.lowest_lead_s is not None:
+        lines.append(f"  lowest lead    {report.lowest_lead_s * 1000:.0f} ms, {report.predicted_underruns} predicted underruns")
+    lines += [f"  warning: {warning}" for warning in report.warnings]
+    lines += [f"  problem: {problem}" for problem in report.problems]
+    return "\n".join(lines)
