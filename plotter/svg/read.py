@@ -15,6 +15,7 @@ from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
 from plotter.svg.style import Cascade
 from plotter.svg.stylesheet import Stylesheet
+from plotter.svg.text import draw_texts
 from plotter.svg.walk import Walk
 
 
@@ -35,6 +36,7 @@ def read_drawing(source: Path | bytes, options: ReadOptions | None = None) -> Dr
     layering = Layering(root, options.layers, notes)
     walk = Walk(root, cascade, layering, options, notes)
     walk.run()
+    draw_texts(walk)
     made = walk.collector.finish()
     assembly = Assembly(options, notes, (walk.width_mm, walk.height_mm), walk.collector.shapes)
     strokes = assembly.strokes(made, len(layering.layers))

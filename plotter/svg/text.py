@@ -1,0 +1,236 @@
+"""Texts as outlines: all texts of a drawing go through the font engine at once, each in its own user units.
+
+The engine sees a small document made for it: texts with their computed styles and fonts that are installed, and the paths that
+texts run along. What comes back is read like any path, so that layers, order, transforms and clips stay ours.
+"""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from lxml import etree
+
+from plotter.errors import BadInput
+from plotter.svg import font_engine
+from plotter.svg.collector import Shape
+from plotter.svg.context import PendingText
+from plotter.svg.document import SVG, XLINK
+from plotter.svg.flatten import PointBudget, flatten
+from plotter.svg.lengths import Frame, parse_length
+from plotter.svg.matrix import IDENTITY, Matrix, multiply, parse_transform
+from plotter.svg.path_segments import resolve
+from plotter.svg.path_tokens import parse_paths
+from plotter.svg.shapes import OUTLINES, SHAPES, path_text
+from plotter.svg.style import Style
+
+if TYPE_CHECKING:
+    from plotter.svg.walk import Walk
+
+_XML_SPACE = "{http://www.w3.org/XML/1998/namespace}space"
+_HREF = f"{{{XLINK}}}href"
+_PLACED = ("x", "y", "dx", "dy", "rotate", "textLength", "lengthAdjust", "startOffset", "method", "spacing", "side", _XML_SPACE)
+_ACROSS = {"x": "width", "dx": "width", "y": "height", "dy": "height"}
+_FONT = [
+    "font-style",
+    "font-variant",
+    "font-weight",
+    "font-stretch",
+    "text-anchor",
+    "letter-spacing",
+    "word-spacing",
+    "writing-mode",
+    "direction",
+    "dominant-baseline",
+    "white-space",
+]
+_FONT_OWN = ("baseline-shift", "alignment-baseline")
+_TEXTS = frozenset(("text", "tspan", "textPath", "a", "tref"))
+# A text this long is no label; the engine's time grows faster than its length.
+MOST_CHARACTERS = 200_000
+
+_GENERIC = {
+    "sans-serif": ("Arial", "Helvetica", "Liberation Sans", "DejaVu Sans", "Noto Sans", "Verdana"),
+    "serif": ("Times New Roman", "Times", "Liberation Serif", "DejaVu Serif", "Noto Serif"),
+    "monospace": ("Courier New", "Liberation Mono", "DejaVu Sans Mono", "Noto Sans Mono", "Menlo"),
+}
+_GENERIC["system-ui"] = _GENERIC["ui-sans-serif"] = _GENERIC["cursive"] = _GENERIC["fantasy"] = _GENERIC["sans-serif"]
+
+
+def draw_texts(walk: Walk) -> None:
+    """Adds what all pending texts draw to the walk's collector; what cannot be drawn is noted. Raises BadInput where there is far
+    too much text."""
+    texts = walk.texts
+    characters = sum(len(text) for pending in texts for text in pending.element.itertext())
+    if characters > MOST_CHARACTERS:
+        raise BadInput(
+            f"the drawing has {characters} characters of text and the limit is {MOST_CHARACTERS}; --text skip leaves it out"
+        )
+    if texts:
+        _draw_outlines(walk, texts)
+
+
+def _draw_outlines(walk: Walk, texts: list[PendingText]) -> None:
+    if not font_engine.available():
+        walk.notes.add(
+            "{count} texts were left out: outlines need a font engine (pip install 'plotter[text]'); --text single draws strokes",
+            count=len(texts),
+        )
+        return
+    try:
+        _Outlines(walk, font_engine.families()).draw(texts)
+    except font_engine.FontEngineFailed as error:
+        walk.notes.add(
+            f"{{count}} texts were left out: the font engine failed ({error}); --text single draws strokes", count=len(texts)
+        )
+
+
+class _Outlines:
+    def __init__(self, walk: Walk, families: tuple[str, ...]) -> None:
+        self._walk = walk
+        self._families = {family.lower(): family for family in families}
+        self._fonts: dict[str, str | None] = {}
+        self._root = etree.Element(f"{{{SVG}}}svg", nsmap={None: SVG, "xlink": XLINK})
+        self._defs = etree.SubElement(self._root, f"{{{SVG}}}defs")
+        self._paths: set[str] = set()
+
+    def draw(self, texts: list[PendingText]) -> None:
+        frame = texts[0].context.frame
+        for name, size in (("width", frame.width), ("height", frame.height)):
+            self._root.set(name, repr(max(1.0, size)))
+        for i, pending in enumerate(texts):
+            group = etree.SubElement(self._root, f"{{{SVG}}}g", id=f"t{i}")
+            self._copy(pending.element, "text", pending.context.style, pending.context.frame, group)
+        if not self._families:
+            self._walk.notes.add(
+                "{count} texts were left out: no font is installed; --text single draws strokes", count=len(texts)
+            )
+            return
+        made = etree.fromstring(
+            font_engine.outlines(etree.tostring(self._root)),
+            etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True),
+        )
+        for group in made.iterchildren(f"{{{SVG}}}g"):
+            name = group.get("id") or ""
+            if name.startswith("t") and name[1:].isdigit():
+                self._collect(group, texts[int(name[1:])], IDENTITY)
+
+    def _collect(self, element: Any, pending: PendingText, outer: Matrix) -> None:
+        """The paths below `element`, with the transforms the engine gave them."""
+        matrix = multiply(outer, parse_transform(element.get("transform", "")) or IDENTITY)
+        if element.tag == f"{{{SVG}}}path":
+            context = pending.context
+            full = multiply(context.matrix, matrix)
+            shape = Shape(
+                pending.element, context.style, pending.layer, full, context.clips, None, pending.order, element.get("fill")
+            )
+            self._walk.collector.add_path(shape, element.get("d", ""))
+        for child in element:
+            self._collect(child, pending, matrix)
+
+    def _copy(self, element: Any, kind: str, style: Style, frame: Frame, parent: Any) -> None:
+        """`element` and its text below `parent`, with nothing left to inherit."""
+        made = etree.SubElement(parent, f"{{{SVG}}}{kind}")
+        for name in _PLACED:
+            value = element.get(name)
+            if value is not None:
+                made.set(name, self._absolute(name, value, frame))
+        href = element.get("href") or element.get(_HREF)
+        if kind == "textPath" and href:
+            made.set(_HREF, href)
+            self._keep_path(href)
+        self._dress(made, style)
+        made.text = element.text
+        for child in element:
+            child_kind = self._walk.kind(child.tag)
+            if child_kind in _TEXTS:
+                child_style = self._walk.cascade.style(child, child_kind, child.items(), style, frame)
+                if child_style.displayed:
+                    child_frame = Frame(frame.width, frame.height, child_style.font_px, frame.px_per_in)
+                    self._copy(child, "tspan" if child_kind in ("a", "tref") else child_kind, child_style, child_frame, made)
+                    made[-1].tail = child.tail
+                    continue
+            if child.tail:
+                if len(made):
+                    made[-1].tail = (made[-1].tail or "") + child.tail
+                else:
+                    made.text = (made.text or "") + child.tail
+
+    def _absolute(self, name: str, value: str, frame: Frame) -> str:
+        """Percentages and units of a list of lengths worked out, as the engine's viewport is not the text's own."""
+        if name not in _ACROSS:
+            return value
+        percent_of = getattr(frame, _ACROSS[name])
+        lengths = [parse_length(part, frame, percent_of) for part in re.split(r"[\s,]+", value.strip()) if part]
+        return " ".join(repr(length) for length in lengths if length is not None)
+
+    def _dress(self, made: Any, style: Style) -> None:
+        for name in _FONT:
+            if name in style.inherited:
+                made.set(name, style.inherited[name])
+        for name in _FONT_OWN:
+            if name in style.own:
+                made.set(name, style.own[name])
+        made.set("font-size", repr(style.font_px))
+        made.set("font-family", self._font(style.inherited.get("font-family", "sans-serif")))
+        painted = (style.fill is not None or style.stroke is not None or self._walk.options.hidden != "skip") and style.visible
+        # The fill carries the pen's colour through the engine.
+        made.set("fill", (style.color or "#000000") if painted else "none")
+
+    def _font(self, wanted: str) -> str:
+        """An installed family for a font-family list, noted once for each list."""
+        names = [name.strip().strip("\"'") for name in wanted.split(",")]
+        found = next((family for name in names for family in self._installed(name)), None)
+        if found is None:
+            found = next(iter(self._installed("sans-serif")), next(iter(self._families.values()), "sans-serif"))
+        if wanted not in self._fonts:
+            self._fonts[wanted] = found
+            stand_in = "" if found.lower() == names[0].lower() else f" (for {names[0]}, which is not installed)"
+            if names[0].lower() in _GENERIC:
+                stand_in = f" (for {names[0]})"
+            self._walk.notes.add(f"text was drawn as outlines in {found}{stand_in}")
+        return found
+
+    def _installed(self, name: str) -> list[str]:
+        lower = name.lower()
+        if lower in self._families:
+            return [self._families[lower]]
+        return [self._families[one.lower()] for one in _GENERIC.get(lower, ()) if one.lower() in self._families]
+
+    def _keep_path(self, href: str) -> None:
+        """The path that a text runs along, for the engine."""
+        name = href.strip().lstrip("#")
+        target = self._walk.by_id(name)
+        if target is None or name in self._paths:
+            return
+        self._paths.add(name)
+        kind = self._walk.kind(target.tag)
+        attributes = dict(target.items())
+        if kind in SHAPES:
+            outline = SHAPES[kind](attributes.get, Frame(100.0, 100.0))
+            data = path_text(*outline) if outline is not None else ""
+        else:
+            data = OUTLINES[kind](attributes) if kind in OUTLINES else ""
+        kept = etree.SubElement(self._defs, f"{{{SVG}}}path", id=name, d=_fine_polyline(data))
+        if target.get("transform"):
+            kept.set("transform", target.get("transform"))
+
+
+def _fine_polyline(data: str) -> str:
+    """Path data as many short lines: the engine measures along curves only roughly, along lines exactly."""
+    commands, _ = parse_paths([data])
+    if not len(commands.code) or not np.isfinite(commands.numbers).all():
+        return ""
+    segments = resolve(commands)
+    size = float(np.ptp(segments.points, axis=(0, 1)).max(initial=0.0)) if len(segments.points) else 0.0
+    try:
+        made = flatten(segments, np.array([IDENTITY]), max(size * 1e-6, 1e-9), MOST_CHARACTERS)
+    except PointBudget:
+        return data
+    offset = made.offset.tolist()
+    words = []
+    for begin, end in pairwise(offset):
+        words.append("M" + "L".join(f"{x!r},{y!r}" for x, y in made.points[begin:end].tolist()))
+    return " ".join(words)
