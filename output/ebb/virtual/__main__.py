@@ -8,10 +8,7 @@ import signal
 import sys
 from pathlib import Path
 
-from output.ebb.virtual.board import Board
-from output.ebb.virtual.faults import FaultScript
-from output.ebb.virtual.record import Recorder
-from output.ebb.virtual.server import Server
+from output.ebb.virtual.server import make_server
 from output.errors import BadCommand
 
 
@@ -35,25 +32,21 @@ def arguments() -> argparse.ArgumentParser:
 def main() -> int:
     options = arguments().parse_args()
     try:
-        script = json.loads(options.faults.read_text()) if options.faults else []
-        faults = FaultScript.parse(script, options.speed)
-        recorder = Recorder(keep_wire=not options.no_wire)
-        board = Board(options.firmware, nickname=options.nickname, recorder=recorder, pen_down=options.pen_down)
+        server = make_server(
+            firmware=options.firmware,
+            link=options.pty,
+            speed=options.speed,
+            record=options.record,
+            faults=options.faults,
+            nickname=options.nickname,
+            keep_wire=not options.no_wire,
+            pen_down=options.pen_down,
+            patience_s=options.patience,
+            control=0 if options.control else None,
+        )
     except BadCommand as problem:
         print(problem, file=sys.stderr)
         return 2
-    except (OSError, ValueError) as problem:
-        print(f"fault script {options.faults} cannot be read: {problem}", file=sys.stderr)
-        return 2
-    server = Server(
-        board,
-        options.pty,
-        speed=options.speed,
-        record=options.record,
-        faults=faults,
-        control=0 if options.control else None,
-        patience_s=options.patience,
-    )
     signal.signal(signal.SIGTERM, lambda *_: server.stop())
     signal.signal(signal.SIGINT, signal.SIG_IGN if options.control else lambda *_: server.stop())
     assert server.wire is not None

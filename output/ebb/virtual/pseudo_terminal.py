@@ -12,6 +12,7 @@ class PseudoTerminal:
     """An open pty in raw mode; `link`, if given, is a symbolic link to it that goes away with it.
 
     The board's end is `fd`, not blocking. Both ends are held open here, so that the program may come and go.
+    Raises OSError when the link cannot be made.
     """
 
     def __init__(self, link: Path | None = None) -> None:
@@ -21,9 +22,15 @@ class PseudoTerminal:
         os.set_blocking(self.fd, False)
         self.device = os.ttyname(self._other)
         if link is not None:
-            if link.is_symlink():
+            # Only what an earlier virtual board left behind is replaced.
+            if link.is_symlink() and str(link.readlink()).startswith("/dev/pts/"):
                 link.unlink()
-            link.symlink_to(self.device)
+            try:
+                link.symlink_to(self.device)
+            except OSError:
+                os.close(self.fd)
+                os.close(self._other)
+                raise
 
     @property
     def port(self) -> str:
@@ -46,7 +53,7 @@ class PseudoTerminal:
 
     def hang_up(self) -> None:
         """Pull the plug: whoever has the port open gets an error, and the link is gone."""
-        if self.link is not None and self.link.is_symlink():
+        if self.link is not None and self.link.is_symlink() and str(self.link.readlink()) == self.device:
             self.link.unlink()
         os.close(self.fd)
         os.close(self._other)

@@ -23,7 +23,9 @@ from typing import Any
 from output.ebb.virtual.board import Board, Sent
 from output.ebb.virtual.faults import FaultScript, Outcome
 from output.ebb.virtual.pseudo_terminal import PseudoTerminal
+from output.ebb.virtual.record import Recorder
 from output.ebb.virtual.registers import TICKS_PER_S
+from output.errors import BadCommand
 
 USB_PACKET = 64
 LONGEST_WAIT_S = 0.02
@@ -69,7 +71,8 @@ class Server:
         self._control = control
         self._answers = answers
         self._control_text = b""
-        self._selector = selectors.DefaultSelector()
+        # Not epoll: its waits are whole milliseconds, which are long at a high speed.
+        self._selector = selectors.SelectSelector()
         if control is not None:
             self._selector.register(control, selectors.EVENT_READ)
         self._watching: int | None = None
@@ -328,3 +331,42 @@ class Server:
             return {"error": f"control command {' '.join(words)!r}: {problem!r}"}
         port = None if self.wire is None else self.wire.port
         return {"now_tick": board.now, "port": port, **board.state()}
+
+
+def make_server(
+    *,
+    firmware: str = "3.0.3",
+    link: Path | None = None,
+    speed: float = 1.0,
+    record: Path | None = None,
+    faults: Path | None = None,
+    nickname: str = "",
+    keep_wire: bool = True,
+    pen_down: bool = False,
+    patience_s: float = 0.0,
+    control: int | None = None,
+) -> Server:
+    """A server with its board, its port open. Raises BadCommand for a firmware, speed, link or fault script that cannot be."""
+    if not 0 < speed <= 1000:
+        raise BadCommand(f"speed is {speed:g}; choose more than 0 and at most 1000")
+    if record is not None and not record.parent.is_dir():
+        raise BadCommand(f"the record cannot be written to {record}: {record.parent} is not a directory; make it first")
+    script: list[dict[str, Any]] = []
+    if faults is not None:
+        try:
+            script = json.loads(faults.read_text())
+        except (OSError, ValueError) as problem:
+            raise BadCommand(f"fault script {faults} cannot be read: {problem}") from problem
+    board = Board(firmware, nickname=nickname, pen_down=pen_down, recorder=Recorder(keep_wire=keep_wire))
+    try:
+        return Server(
+            board,
+            link,
+            speed=speed,
+            record=record,
+            faults=FaultScript.parse(script, speed),
+            control=control,
+            patience_s=patience_s,
+        )
+    except OSError as problem:
+        raise BadCommand(f"port {link} cannot be made: {problem}; choose a path that is not there yet") from problem
