@@ -27,7 +27,7 @@ _GRAIN_LIMIT = 2.0**40
 class Segments:
     """Segments in drawing order, user units.
 
-    `kind` (n,); `points` (n, 4, 2): start, two controls (a quadratic uses the first; an arc neither), end; `subpath` (n,) into
+    `kind` (n,); `points` (n, 4, 2): start, two controls (of a quadratic only the first counts), end; `subpath` (n,) into
     the subpaths; `closing` (n,) True for the line that a close command draws. Arcs, in the order of their segments: `centre`,
     `axis_u`, `axis_v` (m, 2), `angle` and `sweep` (m,) radians; a point is centre + cos(t) u + sin(t) v.
     Subpaths: `path` (k,), `start` (k, 2), `closed` (k,), `drawn` (k,) True where any command follows the move.
@@ -62,7 +62,8 @@ def resolve(commands: Commands) -> Segments:
     base = np.where(relative[:, None], previous, 0.0)
 
     points = np.empty((len(code), 4, 2))
-    points[:, 0], points[:, 3] = previous, position
+    points[:, 0] = points[:, 1] = previous
+    points[:, 2] = points[:, 3] = position
     kind = np.zeros(len(code), np.uint8)
     _cubics(commands, upper, base, points, kind)
     _quadratics(commands, upper, base, points, kind)

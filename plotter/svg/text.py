@@ -1,36 +1,31 @@
 """Texts as outlines: all texts of a drawing go through the font engine at once, each in its own user units.
 
-The engine sees a small document made for it: texts with their computed styles and fonts that are installed, and the paths that
-texts run along. What comes back is read like any path, so that layers, order, transforms and clips stay ours.
+The engine sees a small document made for it: texts with their computed styles and fonts that are installed. Of texts that run
+along a path it only makes the glyphs, which are then set here: it measures curves too roughly. What comes back is read like any path, so that layers, order, transforms and clips stay ours.
 """
 
 from __future__ import annotations
 
 import re
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from lxml import etree
 
 from plotter.errors import BadInput
-from plotter.svg import font_engine
+from plotter.svg import font_engine, text_single
 from plotter.svg.collector import Shape
 from plotter.svg.context import PendingText
-from plotter.svg.document import SVG, XLINK
-from plotter.svg.flatten import PointBudget, flatten
+from plotter.svg.document import SVG
 from plotter.svg.lengths import Frame, parse_length
 from plotter.svg.matrix import IDENTITY, Matrix, multiply, parse_transform
-from plotter.svg.path_segments import resolve
-from plotter.svg.path_tokens import parse_paths
-from plotter.svg.shapes import OUTLINES, SHAPES, path_text
 from plotter.svg.style import Style
+from plotter.svg.text_glyphs import Glyphs
+from plotter.svg.text_layout import Layout
 
 if TYPE_CHECKING:
     from plotter.svg.walk import Walk
 
 _XML_SPACE = "{http://www.w3.org/XML/1998/namespace}space"
-_HREF = f"{{{XLINK}}}href"
 _PLACED = ("x", "y", "dx", "dy", "rotate", "textLength", "lengthAdjust", "startOffset", "method", "spacing", "side", _XML_SPACE)
 _ACROSS = {"x": "width", "dx": "width", "y": "height", "dy": "height"}
 _FONT = [
@@ -68,7 +63,14 @@ def draw_texts(walk: Walk) -> None:
         raise BadInput(
             f"the drawing has {characters} characters of text and the limit is {MOST_CHARACTERS}; --text skip leaves it out"
         )
-    if texts:
+    if texts and walk.options.text == "single":
+        if text_single.available():
+            text_single.draw_single(walk, texts)
+        else:
+            walk.notes.add(
+                "{count} texts were left out: single-line strokes need a font (pip install Hershey-Fonts)", count=len(texts)
+            )
+    elif texts:
         _draw_outlines(walk, texts)
 
 
@@ -92,30 +94,66 @@ class _Outlines:
         self._walk = walk
         self._families = {family.lower(): family for family in families}
         self._fonts: dict[str, str | None] = {}
-        self._root = etree.Element(f"{{{SVG}}}svg", nsmap={None: SVG, "xlink": XLINK})
-        self._defs = etree.SubElement(self._root, f"{{{SVG}}}defs")
-        self._paths: set[str] = set()
+        self._root = etree.Element(f"{{{SVG}}}svg", nsmap={None: SVG})
+        self._glyphs = Glyphs()
 
     def draw(self, texts: list[PendingText]) -> None:
-        frame = texts[0].context.frame
-        for name, size in (("width", frame.width), ("height", frame.height)):
-            self._root.set(name, repr(max(1.0, size)))
-        for i, pending in enumerate(texts):
-            group = etree.SubElement(self._root, f"{{{SVG}}}g", id=f"t{i}")
-            self._copy(pending.element, "text", pending.context.style, pending.context.frame, group)
         if not self._families:
             self._walk.notes.add(
                 "{count} texts were left out: no font is installed; --text single draws strokes", count=len(texts)
             )
             return
-        made = etree.fromstring(
-            font_engine.outlines(etree.tostring(self._root)),
-            etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True),
-        )
+        frame = texts[0].context.frame
+        for name, size in (("width", frame.width), ("height", frame.height)):
+            self._root.set(name, repr(max(1.0, size)))
+        for i, pending in enumerate(texts):
+            if _runs_on_path(self._walk, pending.element):
+                self._want_glyphs(pending.element, pending.context.style, pending.context.frame)
+            else:
+                group = etree.SubElement(self._root, f"{{{SVG}}}g", id=f"t{i}")
+                self._copy(pending.element, "text", pending.context.style, pending.context.frame, group)
+        parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
+        made = etree.fromstring(font_engine.outlines(etree.tostring(self._root)), parser)
         for group in made.iterchildren(f"{{{SVG}}}g"):
             name = group.get("id") or ""
-            if name.startswith("t") and name[1:].isdigit():
+            if name.startswith("t"):
                 self._collect(group, texts[int(name[1:])], IDENTITY)
+            elif name.startswith("c"):
+                self._glyphs.read(int(name[1:]), group)
+        layout = Layout(self._walk, self._glyphs.advance)
+        for pending in texts:
+            if _runs_on_path(self._walk, pending.element):
+                self._place(layout, pending)
+
+    def _want_glyphs(self, element: Any, style: Style, frame: Frame) -> None:
+        """Orders the glyphs of every character below `element`."""
+        self._order(element.text, style)
+        for child in element:
+            kind = self._walk.kind(child.tag)
+            if kind in _TEXTS:
+                self._want_glyphs(child, self._walk.cascade.style(child, kind, child.items(), style, frame), frame)
+            self._order(child.tail, style)
+
+    def _order(self, text: str | None, style: Style) -> None:
+        for character in (Glyphs.RULER, *(text or "")) if text else ():
+            number = self._glyphs.wanted(" " if character.isspace() else character, style)
+            if number is not None:
+                group = etree.SubElement(self._root, f"{{{SVG}}}g", id=f"c{number}")
+                line = etree.SubElement(group, f"{{{SVG}}}text", {_XML_SPACE: "preserve"})
+                self._dress(line, style)
+                for part, color in ((" " if character.isspace() else character, "#000001"), (Glyphs.RULER, "#000002")):
+                    etree.SubElement(line, f"{{{SVG}}}tspan", fill=color).text = part
+
+    def _place(self, layout: Layout, pending: PendingText) -> None:
+        """A text on a path: the engine's glyphs, set one by one."""
+        context = pending.context
+        for placed in layout.place(pending.element, context.style, context.frame):
+            style = placed.style
+            outline = self._glyphs.outline(placed.character, style)
+            if outline and style.visible and (style.fill is not None or style.stroke is not None):
+                matrix = multiply(context.matrix, placed.matrix)
+                shape = Shape(pending.element, style, pending.layer, matrix, context.clips, None, pending.order, style.color)
+                self._walk.collector.add_path(shape, outline)
 
     def _collect(self, element: Any, pending: PendingText, outer: Matrix) -> None:
         """The paths below `element`, with the transforms the engine gave them."""
@@ -137,10 +175,6 @@ class _Outlines:
             value = element.get(name)
             if value is not None:
                 made.set(name, self._absolute(name, value, frame))
-        href = element.get("href") or element.get(_HREF)
-        if kind == "textPath" and href:
-            made.set(_HREF, href)
-            self._keep_path(href)
         self._dress(made, style)
         made.text = element.text
         for child in element:
@@ -199,38 +233,6 @@ class _Outlines:
             return [self._families[lower]]
         return [self._families[one.lower()] for one in _GENERIC.get(lower, ()) if one.lower() in self._families]
 
-    def _keep_path(self, href: str) -> None:
-        """The path that a text runs along, for the engine."""
-        name = href.strip().lstrip("#")
-        target = self._walk.by_id(name)
-        if target is None or name in self._paths:
-            return
-        self._paths.add(name)
-        kind = self._walk.kind(target.tag)
-        attributes = dict(target.items())
-        if kind in SHAPES:
-            outline = SHAPES[kind](attributes.get, Frame(100.0, 100.0))
-            data = path_text(*outline) if outline is not None else ""
-        else:
-            data = OUTLINES[kind](attributes) if kind in OUTLINES else ""
-        kept = etree.SubElement(self._defs, f"{{{SVG}}}path", id=name, d=_fine_polyline(data))
-        if target.get("transform"):
-            kept.set("transform", target.get("transform"))
 
-
-def _fine_polyline(data: str) -> str:
-    """Path data as many short lines: the engine measures along curves only roughly, along lines exactly."""
-    commands, _ = parse_paths([data])
-    if not len(commands.code) or not np.isfinite(commands.numbers).all():
-        return ""
-    segments = resolve(commands)
-    size = float(np.ptp(segments.points, axis=(0, 1)).max(initial=0.0)) if len(segments.points) else 0.0
-    try:
-        made = flatten(segments, np.array([IDENTITY]), max(size * 1e-6, 1e-9), MOST_CHARACTERS)
-    except PointBudget:
-        return data
-    offset = made.offset.tolist()
-    words = []
-    for begin, end in pairwise(offset):
-        words.append("M" + "L".join(f"{x!r},{y!r}" for x, y in made.points[begin:end].tolist()))
-    return " ".join(words)
+def _runs_on_path(walk: Walk, element: Any) -> bool:
+    return any(walk.kind(one.tag) == "textPath" for one in element.iter())
