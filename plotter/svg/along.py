@@ -45,8 +45,8 @@ class Track:
 def track_of(data: str, matrix: Matrix = IDENTITY) -> Track | None:
     """The track along path data, or None where it is empty or not finite.
 
-    Distance along Bezier curves is measured as browsers do, by chords of pieces that are flat within half a unit, and runs evenly
-    with the parameter inside a piece: text then stands where its author saw it.
+    Distance along Bezier curves is measured as browsers do, by chords of pieces that are flat within half a unit, and runs
+    evenly with the parameter inside a piece: text then stands where its author saw it.
     """
     commands, _ = parse_paths([data])
     if not len(commands.code) or not np.isfinite(commands.numbers).all():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -105,7 +106,7 @@ class ClipPaths:
         areas = []
         for child in element:
             if self._may_clip(child):
-                polylines, shapes = walk.gather(lambda child=child: self._child(child, inner))
+                polylines, shapes = walk.gather(functools.partial(self._child, child, inner))
                 areas += [clipped_area(area, shapes[i].clips) for i, area in shape_areas(polylines, shapes, "clip-rule")]
         area = shapely.union_all(areas) if areas else EMPTY
         outer = self._named(style, element) if "clip-path" in style.own else None
@@ -154,13 +155,13 @@ class ClipPaths:
 
 
 def shape_areas(
-    made: list[Polylines], shapes: list[Shape], rule: str, wanted: Callable[[Shape], bool] = lambda shape: True
+    made: list[Polylines], shapes: list[Shape], rule: str, wanted: Callable[[Shape], bool] | None = None
 ) -> list[tuple[int, BaseGeometry]]:
     """The area of each wanted shape, by its index, under its `clip-rule` or `fill-rule`."""
     rings: dict[int, list[Any]] = {}
     for polylines in made:
         offset = polylines.offset.tolist()
         for i, owner in enumerate(polylines.path.tolist()):
-            if wanted(shapes[owner]):
+            if wanted is None or wanted(shapes[owner]):
                 rings.setdefault(owner, []).append(polylines.points[offset[i] : offset[i + 1]])
     return [(i, area_of(own, shapes[i].style.inherited.get(rule, "nonzero"))) for i, own in rings.items()]

@@ -13,7 +13,7 @@ from plotter.svg.style import Style
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """`matrix` maps user units to page millimetres; `level` counts nesting; `uses` are the elements being expanded around here."""
+    """`matrix` maps user units to page millimetres; `level` counts nesting; `uses` are the elements being expanded here."""
 
     matrix: Matrix
     style: Style

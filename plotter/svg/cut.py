@@ -149,8 +149,8 @@ def _piece(points: Floats, corner: Bools) -> Piece:
 
 
 def dash(piece: Piece, position: Floats, pattern: Floats, offset: float, *, dots: bool) -> list[Piece]:
-    """The dashes of `piece`. `position` (n,) is the length along it at each point, `pattern` (even length) dashes and gaps in the
-    same unit, `offset` where in the pattern the piece begins. Dashes without length become dots where `dots`."""
+    """The dashes of `piece`. `position` (n,) is the length along it at each point, `pattern` (even length) dashes and gaps in
+    the same unit, `offset` where in the pattern the piece begins. Dashes without length become dots where `dots`."""
     total = float(position[-1])
     begin, end = _intervals(total, pattern, offset)
     if not dots:

@@ -99,8 +99,8 @@ def _run(document: bytes, arguments: tuple[str, ...]) -> tuple[bytes, str]:
         stop.daemon = True
         stop.start()
         try:
-            instance = linker.instantiate(store, module)
-            instance.exports(store)["_start"](store)
+            start: Any = linker.instantiate(store, module).exports(store)["_start"]
+            start(store)
         except wasmtime.ExitTrap as exit_:
             if exit_.code:
                 raise FontEngineFailed(f"it stopped with code {exit_.code}") from None

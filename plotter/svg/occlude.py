@@ -9,8 +9,8 @@ from plotter.svg.cut import Piece, Region, cut
 
 
 class Occluders:
-    """Opaque areas with their place in the painting order. Where the occluder's own outline is drawn, a line that runs along it is
-    hidden too: the outline covers it."""
+    """Opaque areas with their place in the painting order. Where the occluder's own outline is drawn, a line that runs along it
+    is hidden too: the outline covers it."""
 
     def __init__(self) -> None:
         self._areas: list[BaseGeometry] = []

@@ -1,12 +1,14 @@
 """Texts as outlines: all texts of a drawing go through the font engine at once, each in its own user units.
 
 The engine sees a small document made for it: texts with their computed styles and fonts that are installed. Of texts that run
-along a path it only makes the glyphs, which are then set here: it measures curves too roughly. What comes back is read like any path, so that layers, order, transforms and clips stay ours.
+along a path it only makes the glyphs, which are then set here: it measures curves too roughly. What
+comes back is read like any path, so that layers, order, transforms and clips stay ours.
 """
 
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from lxml import etree
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 _XML_SPACE = "{http://www.w3.org/XML/1998/namespace}space"
 _PLACED = ("x", "y", "dx", "dy", "rotate", "textLength", "lengthAdjust", "startOffset", "method", "spacing", "side", _XML_SPACE)
 _ACROSS = {"x": "width", "dx": "width", "y": "height", "dy": "height"}
-_FONT = [
+_FONT = (
     "font-style",
     "font-variant",
     "font-weight",
@@ -40,7 +42,7 @@ _FONT = [
     "direction",
     "dominant-baseline",
     "white-space",
-]
+)
 _FONT_OWN = ("baseline-shift", "alignment-baseline")
 _TEXTS = frozenset(("text", "tspan", "textPath", "a", "tref"))
 # A text this long is no label; the engine's time grows faster than its length.
@@ -55,8 +57,8 @@ _GENERIC["system-ui"] = _GENERIC["ui-sans-serif"] = _GENERIC["cursive"] = _GENER
 
 
 def draw_texts(walk: Walk) -> None:
-    """Adds what all pending texts draw to the walk's collector; what cannot be drawn is noted. Raises BadInput where there is far
-    too much text."""
+    """Adds what all pending texts draw to the walk's collector; what cannot be drawn is noted. Raises BadInput where there is
+    far too much text."""
     texts = walk.texts
     characters = sum(len(text) for pending in texts for text in pending.element.itertext())
     if characters > MOST_CHARACTERS:
@@ -77,7 +79,8 @@ def draw_texts(walk: Walk) -> None:
 def _draw_outlines(walk: Walk, texts: list[PendingText]) -> None:
     if not font_engine.available():
         walk.notes.add(
-            "{count} texts were left out: outlines need a font engine (pip install 'plotter[text]'); --text single draws strokes",
+            "{count} texts were left out: outlines need a font engine (pip install 'plotter[text]'); "
+            "--text single draws strokes",
             count=len(texts),
         )
         return
@@ -135,14 +138,15 @@ class _Outlines:
             self._order(child.tail, style)
 
     def _order(self, text: str | None, style: Style) -> None:
-        for character in (Glyphs.RULER, *(text or "")) if text else ():
-            number = self._glyphs.wanted(" " if character.isspace() else character, style)
+        plain = "".join(" " if character.isspace() else character for character in text or "")
+        for part in (Glyphs.RULER, *plain, *map("".join, pairwise(plain))) if plain else ():
+            number = self._glyphs.wanted(part, style)
             if number is not None:
                 group = etree.SubElement(self._root, f"{{{SVG}}}g", id=f"c{number}")
                 line = etree.SubElement(group, f"{{{SVG}}}text", {_XML_SPACE: "preserve"})
                 self._dress(line, style)
-                for part, color in ((" " if character.isspace() else character, "#000001"), (Glyphs.RULER, "#000002")):
-                    etree.SubElement(line, f"{{{SVG}}}tspan", fill=color).text = part
+                for words, color in ((part, "#000001"), (Glyphs.RULER, "#000002")):
+                    etree.SubElement(line, f"{{{SVG}}}tspan", fill=color).text = words
 
     def _place(self, layout: Layout, pending: PendingText) -> None:
         """A text on a path: the engine's glyphs, set one by one."""

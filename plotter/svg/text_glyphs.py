@@ -32,7 +32,7 @@ class Glyphs:
         return (character, style.font_px, *(style.inherited.get(name) for name in _FACE))
 
     def wanted(self, character: str, style: Style) -> int | None:
-        """The number under which to order a glyph, the ruler's own first; None where it is ordered already."""
+        """The number under which to order a glyph or a pair, the ruler's own first; None where it is ordered already."""
         key = self._key(character, style)
         if key in self._numbers:
             return None
@@ -51,9 +51,17 @@ class Glyphs:
     def outline(self, character: str, style: Style) -> str:
         return self._outlines.get(self._numbers.get(self._key(character, style), -1), "")
 
-    def advance(self, character: str, style: Style) -> float:
-        """Zero for a glyph that the engine did not make."""
-        at = self._rulers.get(self._numbers.get(self._key(" " if character.isspace() else character, style), -1))
+    def advance(self, character: str, following: str, style: Style) -> float:
+        """Advance of a character, kerned for what follows it; zero for a glyph that the engine did not make."""
+        single = self._pushed(character, style)
+        pair = character + following
+        if not following or self._key(pair, style) not in self._numbers:
+            return single
+        return self._pushed(pair, style) - self._pushed(following, style)
+
+    def _pushed(self, text: str, style: Style) -> float:
+        """How far `text` pushes the ruler."""
+        at = self._rulers.get(self._numbers.get(self._key(text, style), -1))
         ruler = self._numbers.get(self._key(self.RULER, style))
         if at is None or ruler is None or ruler not in self._outlines:
             return 0.0

@@ -50,16 +50,18 @@ class _Cell:
 class Layout:
     """Lays out one text element."""
 
-    def __init__(self, walk: Walk, advance: Callable[[str, Style], float]) -> None:
+    def __init__(self, walk: Walk, advance: Callable[[str, str, Style], float]) -> None:
+        """`advance` gives a character's advance in px, kerned for the one that follows it in the same style, or for nothing."""
         self._walk = walk
         self._advance = advance
 
     def place(self, element: Any, style: Style, frame: Frame) -> list[Placed]:
         """The characters of `element`, in order; those beyond the end of their path are left out."""
         cells = _collapsed(self._cells(element, style, frame, None, 0.0), keep=element.get(_XML_SPACE) == "preserve")
-        for cell in cells:
+        for i, cell in enumerate(cells):
             spacing = cell.style.inherited.get("letter-spacing", "normal")
-            cell.advance = self._advance(cell.character, cell.style) + (parse_length(spacing, frame) or 0.0)
+            following = cells[i + 1].character if i + 1 < len(cells) and cells[i + 1].style is cell.style else ""
+            cell.advance = self._advance(cell.character, following, cell.style) + (parse_length(spacing, frame) or 0.0)
         placed: list[Placed] = []
         x = y = 0.0
         at = 0

@@ -6,6 +6,7 @@ The font's capitals are 21 units high and stand 9 units below its zero; they are
 from __future__ import annotations
 
 import functools
+import importlib
 import importlib.util
 import unicodedata
 from typing import TYPE_CHECKING, Any
@@ -45,7 +46,7 @@ def available() -> bool:
 
 def draw_single(walk: Walk, texts: list[PendingText]) -> None:
     """Adds the strokes of `texts` to the walk's collector; characters that the font lacks are noted."""
-    layout = Layout(walk, lambda character, style: sum(_glyph(one)[0] for one in _drawable(character)) * _scale(style))
+    layout = Layout(walk, _advance)
     for pending in texts:
         for placed in layout.place(pending.element, pending.context.style, pending.context.frame):
             if not placed.style.visible or (placed.style.fill is None and placed.style.stroke is None):
@@ -56,6 +57,10 @@ def draw_single(walk: Walk, texts: list[PendingText]) -> None:
                 )
             _draw(walk, pending, placed)
     walk.notes.add(f"{{count}} texts were drawn as single-line strokes in Hershey {FONT}", count=len(texts))
+
+
+def _advance(character: str, _following: str, style: Style) -> float:
+    return sum(_glyph(one)[0] for one in _drawable(character)) * _scale(style)
 
 
 def _draw(walk: Walk, pending: PendingText, placed: Placed) -> None:
@@ -102,8 +107,6 @@ def _glyph(character: str) -> tuple[float, list[list[tuple[float, float]]]]:
 
 @functools.lru_cache(maxsize=1)
 def _font() -> Any:
-    from HersheyFonts import HersheyFonts
-
-    font = HersheyFonts()
+    font = importlib.import_module("HersheyFonts").HersheyFonts()
     font.load_default_font(FONT)
     return font

@@ -328,7 +328,7 @@ class Walk:
             self.notes.add(template, name)
 
     def gather(self, run: Callable[[], None]) -> tuple[list[Polylines], list[Shape]]:
-        """The outlines that `run` hands over, painted or not, without markers and dashes; the drawing itself gets none of them."""
+        """The outlines that `run` hands over, painted or not, without markers and dashes; the drawing gets none of them."""
         outer = self.collector, self._gathering
         self.collector, self._gathering = Collector(self.options, self.notes, self.name, self.spent), True
         try:
