@@ -148,6 +148,8 @@ def test_the_board_ends_with_its_parent_and_keeps_its_record(tmp_path: Path) -> 
         assert board.record()["nickname"] == "East EBB"
     assert record_path.exists()
     assert not link.exists()
+    record_path.unlink()
+    assert board.record()["commands"] == 1
 
 
 def test_an_unknown_firmware_or_control_is_refused() -> None:

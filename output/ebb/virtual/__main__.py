@@ -24,6 +24,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--nickname", default="", help="the board's name tag")
     parser.add_argument("--no-wire", action="store_true", help="leave the bytes of the wire out of the record")
     parser.add_argument("--pen-down", action="store_true", help="start with the pen on the paper")
+    parser.add_argument("--version-line", help="what V answers, for a board of another age or kind")
     parser.add_argument("--patience", type=float, default=0.0, help="seconds a board about to run dry waits for the host")
     parser.add_argument("--control", action="store_true", help="take control commands on stdin; its end stops the board")
     return parser
@@ -41,6 +42,7 @@ def main() -> int:
             nickname=options.nickname,
             keep_wire=not options.no_wire,
             pen_down=options.pen_down,
+            version_line=options.version_line,
             patience_s=options.patience,
             control=0 if options.control else None,
         )

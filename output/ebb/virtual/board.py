@@ -52,7 +52,10 @@ class _Handling:
 
 
 class Board:
-    """One board. `timed` false makes parsing take no time (for tables of single commands)."""
+    """One board. `timed` false makes parsing take no time (for tables of single commands).
+
+    `version_line` is what V answers instead of the firmware's own line: an older board, or something else altogether.
+    """
 
     def __init__(
         self,
@@ -61,9 +64,11 @@ class Board:
         nickname: str = "",
         timed: bool = True,
         pen_down: bool = False,
+        version_line: str | None = None,
         recorder: Recorder | None = None,
     ) -> None:
         self.firmware = firmware_named(firmware)
+        self.version_line = self.firmware.version_line if version_line is None else version_line
         self.commands = commands_of(self.firmware)
         self.now = 0
         self.timed = timed

@@ -36,6 +36,7 @@ class VirtualBoard:
         assert process.stdout is not None
         self._selector.register(process.stdout, selectors.EVENT_READ)
         self._text = b""
+        self._kept: bytes | None = None
         self.port: str = str(self._answer(START_DEADLINE_S)["port"])
 
     @property
@@ -73,13 +74,16 @@ class VirtualBoard:
         """What the board has done so far, or did until it stopped."""
         if self.running:
             self.control(f"record {self._record_path}")
-        if not self._record_path.exists():
-            raise LinkLost(f"the virtual board left no record at {self._record_path}; was it killed?")
-        loaded: Record = json.loads(self._record_path.read_text())
+            self._kept = None
+        if self._kept is None:
+            if not self._record_path.exists():
+                raise LinkLost(f"the virtual board left no record at {self._record_path}; was it killed?")
+            self._kept = self._record_path.read_bytes()
+        loaded: Record = json.loads(self._kept)
         return loaded
 
     def stop(self) -> None:
-        """End the process; the record stays readable until the context is left."""
+        """End the process; its record stays readable through `record`."""
         if self._process.stdin is not None and not self._process.stdin.closed:
             # A broken pipe says that it is gone already, which is what was wanted.
             with contextlib.suppress(BrokenPipeError):
@@ -89,6 +93,8 @@ class VirtualBoard:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+        if self._record_path.exists():
+            self._kept = self._record_path.read_bytes()
 
     def _answer(self, deadline_s: float) -> dict[str, Any]:
         stdout = self._process.stdout
@@ -118,13 +124,15 @@ def start_virtual_board(
     pen_down: bool = False,
     keep_wire: bool = True,
     patience_s: float = 0.0,
+    version_line: str | None = None,
 ) -> Iterator[VirtualBoard]:
     """A virtual board in its own process, ready when the context is entered and gone when it is left.
 
-    `speed` is board time over real time; `record` is where its record is kept after the context (None: until then);
+    `speed` is board time over real time; `record` is where its record is kept (None: only `VirtualBoard.record` has it);
     `faults` a script as in `output.ebb.virtual.faults`; `pty` a symbolic link to make for the port; `pen_down` starts with the
-    pen on the paper; `patience_s` is how long, in real time, a board that is about to run dry waits for the host (for fast runs
-    whose underruns are to be the stream's own). Raises LinkLost when the process does not start.
+    pen on the paper; `version_line` is what V answers instead of its own line. `patience_s` is how long, in real time, a board
+    that is about to run dry waits for the host, for fast runs whose underruns are to be the stream's own.
+    Raises LinkLost when the process does not start.
     """
     with tempfile.TemporaryDirectory(prefix="virtual-board-") as scratch:
         record_path = Path(scratch) / "record.json" if record is None else record
@@ -140,6 +148,8 @@ def start_virtual_board(
             command += ["--nickname", nickname]
         if pen_down:
             command.append("--pen-down")
+        if version_line is not None:
+            command += ["--version-line", version_line]
         if patience_s:
             command += ["--patience", str(patience_s)]
         if not keep_wire:

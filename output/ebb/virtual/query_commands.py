@@ -19,7 +19,7 @@ def _number(board: Board, value: int, width: int) -> bytes:
 
 def v(board: Board, p: Packet) -> None:
     p.echo()
-    p.data(board.firmware.version_line.encode(), ok=False)
+    p.data(board.version_line.encode("latin-1"), ok=False)
 
 
 def qg(board: Board, p: Packet) -> None:

@@ -28,6 +28,7 @@ _ROW = 2 + 2 * _AXIS_FIELDS
 _LONGEST_VECTORED = 1 << 20  # ticks for which j t^3 still fits the closed form in int64
 _WARM_UP = 32  # stepper commands after a standstill that do not count for the lowest lead
 _NO_END = 1 << 62
+_MOST_SAMPLES = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,36 +214,37 @@ class Recorder:
         return found
 
     def _sample_ticks(self) -> NDArray[np.int64]:
+        """Each millisecond of every stretch, and its ends; a stretch of more than 20 s is sampled in 20,000 places."""
         table = self._table()
         if not len(table):
             return np.zeros(0, np.int64)
-        first = -(-table[:, 0] // INK_SAMPLE_TICKS)
-        last = (table[:, 0] + table[:, 1]) // INK_SAMPLE_TICKS
-        counts = np.maximum(last - first + 1, 0)
+        step = np.maximum(table[:, 1] // (_MOST_SAMPLES * INK_SAMPLE_TICKS), 1) * INK_SAMPLE_TICKS
+        first = -(-table[:, 0] // step)
+        counts = np.maximum((table[:, 0] + table[:, 1]) // step - first + 1, 0)
         offsets = np.repeat(np.cumsum(counts) - counts, counts)
-        grid = (np.repeat(first, counts) + np.arange(int(counts.sum())) - offsets) * INK_SAMPLE_TICKS
-        return np.asarray(np.unique(np.concatenate((grid, table[:, 0], table[:, 0] + table[:, 1]))))
+        grid = (np.repeat(first, counts) + np.arange(int(counts.sum())) - offsets) * np.repeat(step, counts)
+        return np.concatenate((grid, table[:, 0], table[:, 0] + table[:, 1]))
 
     def strokes(self, *, touching: bool, now: int) -> list[dict[str, Any]]:
         """One entry per lowering: `down_tick`, `up_tick`, `ticks` and `points` (motor steps) where the position changed."""
-        intervals = self.intervals(touching=touching, now=now)
-        bounds = np.array(sorted({tick for pair in intervals for tick in pair}), dtype=np.int64)
-        ticks = np.unique(np.concatenate((self._sample_ticks(), bounds)))
+        return self._strokes([self.intervals(touching=touching, now=now)])[0]
+
+    def _strokes(self, traces: list[list[tuple[int, int]]]) -> list[list[dict[str, Any]]]:
+        bounds = np.array([tick for intervals in traces for pair in intervals for tick in pair], dtype=np.int64)
+        ticks = np.sort(np.concatenate((self._sample_ticks(), bounds)))
+        ticks = ticks[np.concatenate(([True], np.diff(ticks) > 0))] if len(ticks) else ticks
         points = self.positions(ticks)
-        strokes = []
-        for down, up in intervals:
-            first, last = np.searchsorted(ticks, down), np.searchsorted(ticks, up, side="right")
-            stretch = points[first:last]
-            changed = np.concatenate(([True], (np.diff(stretch, axis=0) != 0).any(axis=1)))
-            strokes.append(
-                {
-                    "down_tick": down,
-                    "up_tick": up,
-                    "ticks": ticks[first:last][changed].tolist(),
-                    "points": stretch[changed].tolist(),
-                }
-            )
-        return strokes
+        moved = np.concatenate(([True], (np.diff(points, axis=0) != 0).any(axis=1)))
+        found: list[list[dict[str, Any]]] = []
+        for intervals in traces:
+            found.append([])
+            for down, up in intervals:
+                first, last = np.searchsorted(ticks, down), np.searchsorted(ticks, up, side="right")
+                keep = moved[first:last].copy()
+                keep[:1] = True
+                stroke = {"down_tick": down, "up_tick": up, "ticks": ticks[first:last][keep].tolist()}
+                found[-1].append({**stroke, "points": points[first:last][keep].tolist()})
+        return found
 
     def moves(self) -> list[list[int]]:
         """Each executed stretch of a stepper move: start tick, ticks, and paper positions at its start and end."""
@@ -262,6 +264,7 @@ class Recorder:
         """All of the record as plain values."""
         stutters = [gap for gap in self.gaps if gap.in_motion]
         first, last = self.first_motion, self.last_motion
+        commanded, touching = self._strokes([self.intervals(touching=kind, now=now) for kind in (False, True)])
         return {
             "ticks_per_s": TICKS_PER_S,
             "now_tick": now,
@@ -281,8 +284,8 @@ class Recorder:
             "paper_position": list(self.paper),
             "notes": [list(note) for note in self.notes],
             "moves": self.moves(),
-            "ink": self.strokes(touching=False, now=now),
-            "ink_touching": self.strokes(touching=True, now=now),
+            "ink": commanded,
+            "ink_touching": touching,
             "wire": [list(line) for line in self.wire],
         }
 

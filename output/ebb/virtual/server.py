@@ -343,6 +343,7 @@ def make_server(
     nickname: str = "",
     keep_wire: bool = True,
     pen_down: bool = False,
+    version_line: str | None = None,
     patience_s: float = 0.0,
     control: int | None = None,
 ) -> Server:
@@ -357,7 +358,8 @@ def make_server(
             script = json.loads(faults.read_text())
         except (OSError, ValueError) as problem:
             raise BadCommand(f"fault script {faults} cannot be read: {problem}") from problem
-    board = Board(firmware, nickname=nickname, pen_down=pen_down, recorder=Recorder(keep_wire=keep_wire))
+    recorder = Recorder(keep_wire=keep_wire)
+    board = Board(firmware, nickname=nickname, pen_down=pen_down, version_line=version_line, recorder=recorder)
     try:
         return Server(
             board,
