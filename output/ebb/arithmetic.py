@@ -100,6 +100,10 @@ def trunc_div(value: int, divisor: int) -> int:
     return -(-value // divisor) if value < 0 else value // divisor
 
 
+def _int32(value: int) -> int:
+    return (value + ONE_STEP) % (2 * ONE_STEP) - ONE_STEP
+
+
 def profile_of(rate: int, accel: int, jerk: int) -> Profile:
     """The profile that the parser makes of a command's Rate, Accel and Jerk."""
     return Profile(rate - trunc_div(accel, 2) + trunc_div(jerk, 6), accel, jerk)
@@ -205,7 +209,7 @@ def _stepped(one: tuple[int, int, int, int], two: tuple[int, int, int, int], cle
     profiles, wanted = [STILL, STILL], [0, 0]
     for axis, (rate, steps, accel, jerk) in enumerate((one, two)):
         if steps < 0:  # Jerk keeps its sign: the firmware forgets it.
-            rate, steps, accel = -rate, -steps, -accel
+            rate, steps, accel = -rate, -steps, _int32(-accel)
         profiles[axis], wanted[axis] = profile_of(rate, accel, jerk), steps
     pair = (profiles[0], profiles[1])
     acc = _cleared(clear, pair, state.acc)
@@ -249,30 +253,27 @@ def _run(profile: Profile, acc: int, steps: int) -> _Run:
     if profile == STILL:
         raise NeverEnds(f"{steps} steps with rate, acceleration and jerk 0")
     done, taken = 0, 0
-    for end, limit in _one_way_spans(profile):
+    for end in _one_way_spans(profile):
         before = (acc + profile.total(done)) // ONE_STEP
-        here = min(end, done + _SEARCH_TICKS)
-        count = abs((acc + profile.total(here)) // ONE_STEP - before)
+        count = abs((acc + profile.total(end)) // ONE_STEP - before)
         if taken + count >= steps:
-            tick = _first_tick(profile, acc, before, steps - taken, done, here)
+            tick = _first_tick(profile, acc, before, steps - taken, done, end)
             moved, rest = divmod(acc + profile.total(tick), ONE_STEP)
             return _Run(tick, moved, rest)
-        done, taken = here, taken + count
-        if limit or here < end:
-            break
+        done, taken = end, taken + count
     return _run_wrapped(profile, acc, steps)
 
 
-def _one_way_spans(profile: Profile) -> list[tuple[int, bool]]:
-    """Ticks at which the sign of the rate may change, ascending; the last is where a register leaves 32 bits (True), or far."""
-    far = 1 << 33
+def _one_way_spans(profile: Profile) -> list[int]:
+    """Ticks at which the sign of the rate may change, ascending; the last is where a register leaves 32 bits, or far."""
+    far = 1 << 62
     ends = sorted({t for t in _crossings(profile, 0) if 0 < t < far})
     limits = [t for bound in (ONE_STEP, -ONE_STEP - 1) for t in _crossings(profile, bound) if t > 0]
     limits = [t for t in limits if not -ONE_STEP <= profile.rate(t + 1) < ONE_STEP]
     stop = min([t for t in limits if t >= 0], default=far)
     if not -ONE_STEP <= profile.rate(1) < ONE_STEP:
         stop = 0
-    return [(t, False) for t in ends if t < stop] + [(stop, True)]
+    return [t for t in ends if t < stop] + [stop]
 
 
 def _crossings(profile: Profile, level: int) -> set[int]:

@@ -23,7 +23,10 @@ from output.ebb.program import Mark
 from output.ebb.queue_model import QueueModel, QueueSetup, queue_setup, service_s
 from output.ebb.replay import MOVE, Replay, Rows
 from output.ebb.reversals import Reversals
+from output.ebb.verify_compare import Comparison, compare
 from planning.motion.limits import Kinematics
+
+__all__ = ["Comparison", "Report", "compare", "verify"]
 
 Array = NDArray[np.float64]
 
