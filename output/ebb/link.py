@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 import serial
 
+from output.ebb.port_lock import PortLock
 from output.errors import BoardRefused, LinkLost
 
 try:
@@ -61,7 +62,12 @@ class SerialPort:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._serial = _open(name)
+        self._lock = PortLock(name)
+        try:
+            self._serial = _open(name)
+        except BaseException:
+            self._lock.release()
+            raise
         self._fd: int | None = self._serial.fileno() if hasattr(self._serial, "fileno") else None
         self._closed = False
         if self._fd is not None:
@@ -114,6 +120,7 @@ class SerialPort:
         closer = threading.Thread(target=self._close_quietly, daemon=True, name="close-port")
         closer.start()
         closer.join(CLOSE_TIMEOUT_S)
+        self._lock.release()
         if self._fd is not None:
             self._selector.close()
             os.close(self._wake_read)

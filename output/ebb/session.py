@@ -8,6 +8,7 @@ A Board is owned by one thread; only the StopFlag given to `stream` may be touch
 
 from __future__ import annotations
 
+import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,12 +21,22 @@ from output.ebb.conversation import REPLY_TIMEOUT_S, Clock, Conversation
 from output.ebb.handshake import greet
 from output.ebb.link import Port, SerialPort
 from output.ebb.program import Program
+from output.ebb.protocol import Syntax
 from output.ebb.safe_stop import StopReport, safe_stop
 from output.ebb.stream import Hold, Progress, Recorder, StopRequested, Streamer
-from output.errors import BadCommand
+from output.errors import BadCommand, BoardRefused, LinkLost
 
 # CU,4 answers only when nothing moves any more: at once after a stop, later after another program's move.
 _IDLE_TIMEOUT_S = 30.0
+# Four of the board's 32 variables hold the job's token; the first ones are left to other programs.
+_TOKEN_SLOT = 24
+# The supply's divider and the 10-bit converter (the unit of CU,60), and what no motor supply is below.
+_SUPPLY_V_PER_COUNT = 0.0295
+_LEAST_SUPPLY_COUNTS = 150
+
+
+def _token_question(slot: int | None) -> str:
+    return "QL" if slot is None else f"QL,{slot}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +85,7 @@ class Board:
         self._pen_down_wire: str | None = None
         self._pen_down_lost = False
         self._depth: int | None = None
+        self._job_token: int | None = None
         self.last_stop: StopReport | None = None
 
     @property
@@ -130,6 +142,52 @@ class Board:
                 self._depth = int(self.query("QU,3").split(",")[-1])
         return self._depth
 
+    # the job token: is this still the board, and the power session, that the plot was begun with?
+
+    def begin_job(self, token: int | None = None) -> int:
+        """Writes a job's token into the board's RAM, where only a restart clears it; returns it.
+
+        32 bits on firmware 3, the lowest 8 of them before. No byte of it is 0, which is what a restarted board holds.
+        """
+        self._job_token = token or int.from_bytes(bytes(secrets.randbelow(255) + 1 for _ in range(4)), "little")
+        for slot, byte in self._token_slots(self._job_token):
+            self._talk.ask(f"SL,{byte}" if slot is None else f"SL,{byte},{slot}")
+        return self._job_token
+
+    def has_token(self, token: int) -> bool:
+        """Whether the board has been under power, and not given to another job, since `begin_job` wrote this token."""
+        return all(int(self.query(_token_question(slot))) == byte for slot, byte in self._token_slots(token))
+
+    def motors_off(self) -> bool:
+        """Whether the board says that both motors are off. Firmware before 2.8.0 cannot say: False."""
+        return self.abilities.version >= (2, 8, 0) and self.query("QE") == "0,0"
+
+    def _token_slots(self, token: int) -> list[tuple[int | None, int]]:
+        if self.abilities.variables == 1:
+            return [(None, token & 0xFF)]
+        return [(_TOKEN_SLOT + i, byte) for i, byte in enumerate(token.to_bytes(4, "little"))]
+
+    # motor power
+
+    def supply_v(self) -> float:
+        """The voltage at the motors' power input, to within half a volt."""
+        return int(self.query("QC").split(",")[1]) * _SUPPLY_V_PER_COUNT
+
+    def watch_supply(self) -> None:
+        """Refuses to start without motor power, and has the board take note of any dip from here on (firmware 3).
+
+        USB alone keeps the logic alive: moves would be acknowledged, counted, and not made.
+        """
+        counts = int(self.query("QC").split(",")[1])
+        if counts < _LEAST_SUPPLY_COUNTS:
+            raise BoardRefused(
+                f"the motors have no power ({counts * _SUPPLY_V_PER_COUNT:.1f} V, at least "
+                f"{_LEAST_SUPPLY_COUNTS * _SUPPLY_V_PER_COUNT:.1f} V is needed): plug in and switch on the power supply"
+            )
+        if self.abilities.power_flag:
+            self._talk.ask(f"CU,60,{max(_LEAST_SUPPLY_COUNTS, counts * 6 // 10)}")
+            self.query("QG")  # clears the flag that the new threshold may have set
+
     # whole programs
 
     def stream(
@@ -151,16 +209,22 @@ class Board:
         with signals_stop(stop), stop.waking(self._talk.port.wake):
             streamer: Streamer | None = None
             try:
+                if stop.requested:
+                    raise StopRequested
+                depth = self.queue_depth()
+                self.watch_supply()
+                token = self._token_slots(self.begin_job() if self._job_token is None else self._job_token)[0]
                 streamer = Streamer(
                     self._talk,
                     self.abilities,
-                    self.queue_depth(),
+                    depth,
                     program,
                     on_progress=on_progress,
                     stop=stop,
                     journal=journal,
                     hold=hold,
                     before_send=self._before_send,
+                    token=(_token_question(token[0]), token[1]),
                     board_speed=self._board_speed,
                 )
                 progress = streamer.run()
@@ -170,9 +234,27 @@ class Board:
                 progress = streamer.progress if streamer is not None else Progress()
                 steps = self.steps() if report.pen_up else None
                 return StreamResult("stopped", stop.reason or "", progress, steps, report, stop.signal_number)
-            except BaseException:
-                self.safe_stop()
+            except BaseException as error:
+                report = self.safe_stop()
+                progress = streamer.progress if streamer is not None else Progress()
+                if isinstance(error, LinkLost):
+                    raise self._told_better(error, report, progress) from error
                 raise
+            finally:
+                self._job_token = None
+
+    def _told_better(self, error: LinkLost, report: StopReport, progress: Progress) -> BoardRefused | LinkLost:
+        """What a lost reply or link really was, once the safe stop has looked."""
+        done = f"{progress.commands_executed} commands and {progress.strokes_done} strokes were drawn for certain"
+        if not report.pen_up:
+            return LinkLost(f"{error}; {done}; the pen could not be raised and may be down: lift it by hand")
+        if self.abilities.future_syntax and self._talk.syntax is Syntax.LEGACY:
+            self._depth = None
+            return BoardRefused(
+                f"the board restarted during the plot ({done}), so that its position is lost: check its power supply, home the "
+                "machine, and resume"
+            )
+        return LinkLost(f"{error}; {done}; the pen is up")
 
     def safe_stop(self, *, free_motors: bool = False) -> StopReport:
         """Stops all motion and raises the pen, from any state; the report says what could be done. Never raises for the link.

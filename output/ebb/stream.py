@@ -35,6 +35,9 @@ _CAREFUL_LEAD_S = 0.1
 _PIPELINE = 4
 _POLL_FASTEST_S, _POLL_SLOWEST_S, _POLL_IDLE_S = 0.002, 0.05, 0.1
 _PROGRESS_EVERY_S = 0.1
+# How often the position and the job token are asked for.
+_PLACE_EVERY_S = 0.5
+_BUTTON_PRESSES, _BUTTON_STUCK_S = 3, 1.0
 # How much longer than predicted the oldest command may take before the board is said to be stuck.
 _STUCK_MARGIN_S = 5.0
 # These change the conversation itself or drop the board off the USB; a stream cannot contain them.
@@ -59,7 +62,7 @@ class Progress:
 
     `stroke` is the one being drawn or travelled to, None between strokes; `board_time_s` what the executed commands took, in
     board time; `lead_s` how much board time is queued; `stalls` how often the board ran dry, `stalled_s` for how long (host).
-    `pen_up` and `steps` are the board's own words at the last poll, None before the first.
+    `pen_up` and `steps` (both motors, executed motion only) are the board's own words when last asked, None before.
     """
 
     state: State = State.RUNNING
@@ -74,6 +77,7 @@ class Progress:
     stalled_s: float = 0.0
     message: str = ""
     pen_up: bool | None = None
+    steps: tuple[int, int] | None = None
 
 
 class Recorder(Interface):
@@ -116,6 +120,7 @@ class Streamer:
         journal: Recorder | None = None,
         hold: Hold | None = None,
         before_send: Callable[[Command], list[str]] | None = None,
+        token: tuple[str, int] | None = None,
         board_speed: float = 1.0,
     ) -> None:
         self._talk = talk
@@ -125,6 +130,7 @@ class Streamer:
         self._journal = journal
         self._hold = hold
         self._before_send = before_send or (lambda _command: [])
+        self._token = token
         self._speed = board_speed
         self.model = QueueModel(depth, counts=abilities.counts_queue, board_speed=board_speed)
         self.progress = Progress()
@@ -137,6 +143,8 @@ class Streamer:
         self._answers: dict[str, str] = {}
         self._next_poll_at = 0.0
         self._next_progress_at = 0.0
+        self._next_place_at = 0.0
+        self._button_at: deque[float] = deque(maxlen=_BUTTON_PRESSES)
         self._idle = True
         self._hold_asked = False
         self._oldest_since = 0.0
@@ -231,13 +239,19 @@ class Streamer:
             return
         self.model.on_poll_sent(self._talk.clock())
         self._answers.clear()
-        for question in (*(("QU,6",) if self.model.counts else ()), self._abilities.status_query):
+        questions = ["QU,6"] if self.model.counts else []
+        questions.append(self._abilities.status_query)
+        if self._talk.clock() >= self._next_place_at:
+            self._next_place_at = self._talk.clock() + _PLACE_EVERY_S
+            questions += ["QS"] if self._token is None else ["QS", self._token[0]]
+        for question in questions:
             self._poll[self._talk.send(question)] = question
 
     def _polled(self) -> None:
         now = self._talk.clock()
         waiting = int(self._answers["QU,6"].split(",")[-1]) if "QU,6" in self._answers else None
         fifo, executing = self._status()
+        self._take_place()
         self.model.on_polled(waiting=waiting, fifo_empty=not fifo, executing=executing, now=now)
         self._idle = self.model.is_empty
         self._count_executed()
@@ -266,8 +280,24 @@ class Streamer:
             self._button_pressed()
         return bool(bits & FIFO_BIT), bool(bits & EXECUTING_BIT)
 
+    def _take_place(self) -> None:
+        """Where the motors are, and whether the board is still the one that was told this job's token."""
+        if "QS" in self._answers:
+            one, two = self._answers["QS"].split(",")
+            self._set(steps=(int(one), int(two)))
+        if self._token is not None and self._token[0] in self._answers and int(self._answers[self._token[0]]) != self._token[1]:
+            raise BoardRefused(
+                f"the board restarted during {self._where()}, so that its position is lost: check its power supply, home the "
+                "machine, and resume"
+            )
+
     def _button_pressed(self) -> None:
-        if self.progress.state is State.PAUSED:
+        now = self._talk.clock()
+        self._button_at.append(now)
+        if len(self._button_at) == _BUTTON_PRESSES and now - self._button_at[0] < _BUTTON_STUCK_S:
+            # A finger cannot do that: a floating or shorted input can, and it must not make the plot go on by itself.
+            self._stop.pause("the button input is stuck: check its wiring, then go on")
+        elif self.progress.state is State.PAUSED:
             self._stop.go()
         else:
             self._stop.pause("the board's button was pressed")

@@ -1,0 +1,301 @@
+"""The journal of a plot: what has been executed, so that a plot that was killed can be finished.
+
+Append-only lines of text, each with its length and checksum, so that a torn, cut or damaged file still tells everything that
+was written whole:
+
+    0000005b 1c291ca3 {"kind": "head", ...}
+
+What is written, and when it counts:
+    head        once: drawing, settings, machine, board, job token; what must be the same for the plot to be resumed
+    part        the program begins, or begins again after a resume; command numbers count from here
+    sent n      *before* a command goes out: at most n commands can have reached the board (written ahead, in leases)
+    done n      n commands are executed by the board's own count, never by acknowledgements, which only mean "queued"
+    stroke i    stroke i is drawn to its end
+    end         why the plot ended; absent after a crash, which is how the next start knows of it
+
+The pen may be anywhere between "done" and "sent" when the computer dies: the board draws on what it has queued.
+Writing goes to the system at once; fsync is done by a thread of its own at each pen-up and at most a second later, so that a
+slow disk cannot make the pen wait. A disk that is full ends the journal with a warning, never the plot.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from output.ebb.program import StrokeEnd
+from output.ebb.stream import Progress
+
+SYNC_EVERY_S = 1.0
+# How many commands are written ahead at a time: a place is looked for among this many and the queue.
+_LEASE = 32
+FORMAT = 1
+
+
+class Journal:
+    """Written while streaming (stream.Recorder). Open it with `begin` or `reopen`; it is a context manager.
+
+    `trouble` is None, or says why nothing more is written.
+    """
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        self.path = path
+        self.trouble: str | None = None
+        self._descriptor = descriptor
+        self._leased = 0
+        self._closing = threading.Event()
+        self._sync_wanted = threading.Event()
+        self._dirty = False
+        self._syncer = threading.Thread(target=self._sync_loop, daemon=True, name="journal-sync")
+        self._syncer.start()
+
+    @classmethod
+    def begin(cls, path: Path, head: Mapping[str, Any]) -> Journal:
+        """A new journal in place of whatever is at `path`; `head` is JSON-able. Raises OSError when it cannot be made."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        fresh = path.with_name(path.name + ".new")
+        descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
+        journal = cls(path, descriptor)
+        journal._write({"kind": "head", "format": FORMAT, **head})
+        os.fsync(descriptor)
+        fresh.replace(path)
+        return journal
+
+    @classmethod
+    def reopen(cls, path: Path) -> Journal:
+        """Goes on with an existing journal, after a resume. Raises OSError."""
+        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND)
+        journal = cls(path, descriptor)
+        journal._append(b"\n")  # whatever line was being written when it broke off ends here
+        return journal
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(self, _kind: type[BaseException] | None, error: BaseException | None, _trace: TracebackType | None) -> None:
+        if error is not None:
+            self.end(f"{type(error).__name__}: {error}")
+        self.close()
+
+    # what the stream tells
+
+    def part(self, facts: Mapping[str, Any]) -> None:
+        """A program begins: `facts` say what it is, the job token among them. Command numbers start again at 0."""
+        self._leased = 0
+        self._write({"kind": "part", **facts})
+        self._sync_wanted.set()
+
+    def sent(self, commands: int) -> None:
+        """Command number `commands` (from 1) is about to be sent."""
+        if commands > self._leased:
+            self._leased = commands + _LEASE - 1
+            self._write({"kind": "sent", "n": self._leased})
+
+    def executed(self, progress: Progress) -> None:
+        """So many commands are executed, and both motors stand at `progress.steps` or beyond."""
+        record: dict[str, Any] = {"kind": "done", "n": progress.commands_executed, "t": round(progress.board_time_s, 3)}
+        if progress.stroke is not None:
+            record["stroke"] = progress.stroke
+        if progress.steps is not None:
+            record["steps"] = progress.steps
+        self._write(record)
+
+    def stroke_done(self, mark: StrokeEnd, progress: Progress) -> None:
+        """The pen has drawn a stroke to its end."""
+        self._write({"kind": "stroke", "i": mark.index, "steps": mark.steps, "n": progress.commands_executed})
+        self._sync_wanted.set()
+
+    def end(self, why: str, steps: Sequence[int] | None = None) -> None:
+        """The plot has ended: "done", "stopped", or the error's words. `steps` where the board stands."""
+        self._write({"kind": "end", "why": why, **({} if steps is None else {"steps": list(steps)})})
+        self._sync_wanted.set()
+
+    def close(self) -> None:
+        """Writes everything to the disk and closes. Never raises: `trouble` tells."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._sync_wanted.set()
+        self._syncer.join(2 * SYNC_EVERY_S)
+        try:
+            os.close(self._descriptor)
+        except OSError as error:
+            self._give_up(error)
+
+    # writing
+
+    def _write(self, record: Mapping[str, Any]) -> None:
+        body = json.dumps(record, separators=(",", ":"), ensure_ascii=True).encode("ascii")
+        self._append(b"%08x %08x %s\n" % (len(body), zlib.crc32(body), body))
+
+    def _append(self, data: bytes) -> None:
+        if self.trouble is not None or self._closing.is_set():
+            return
+        try:
+            while data:
+                data = data[os.write(self._descriptor, data) :]
+            self._dirty = True
+        except OSError as error:
+            self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        self.trouble = (
+            f"the journal {self.path} cannot be written ({error.strerror}): this plot could not be resumed after a crash"
+        )
+
+    def _sync_loop(self) -> None:
+        while not self._closing.is_set():
+            self._sync_wanted.wait(SYNC_EVERY_S)
+            self._sync_wanted.clear()
+            if self._dirty and self.trouble is None:
+                self._dirty = False
+                try:
+                    os.fsync(self._descriptor)
+                except OSError as error:
+                    self._give_up(error)
+
+
+@dataclass(frozen=True, slots=True)
+class PlotState:
+    """What a journal says. Numbers of commands are those of the latest part.
+
+    `executed` commands are drawn for certain, at most `sent` can be; `strokes_done` are drawn whole, over all parts; `stroke`
+    is the one that was being drawn (None: none, as far as is known) and `steps` the last executed position that was noted.
+    `ended` is why the plot ended, None when it was cut off. `damaged` lines were skipped.
+    """
+
+    head: Mapping[str, Any]
+    part: Mapping[str, Any]
+    parts: int
+    executed: int
+    sent: int
+    strokes_done: frozenset[int]
+    stroke: int | None
+    steps: tuple[int, int] | None
+    board_time_s: float
+    ended: str | None
+    damaged: int
+
+    @property
+    def interrupted(self) -> bool:
+        """There is something left to draw, as far as the journal knows: it did not end as done."""
+        return self.ended != "done"
+
+
+@dataclass(slots=True)
+class _Reading:
+    part: dict[str, Any] = field(default_factory=dict)
+    parts: int = 0
+    executed: int = 0
+    sent: int = 0
+    strokes: set[int] = field(default_factory=set)
+    stroke: int | None = None
+    steps: tuple[int, int] | None = None
+    board_time_s: float = 0.0
+    ended: str | None = None
+
+    def take(self, record: Mapping[str, Any]) -> None:
+        """One sound record. Damage may have removed any of its neighbours, so numbers only ever grow within a part."""
+        kind = record.get("kind")
+        if kind == "part":
+            self.part, self.parts = dict(record), self.parts + 1
+            self.executed = self.sent = 0
+            self.stroke, self.steps, self.ended = None, None, None
+        elif kind == "sent":
+            self.sent = max(self.sent, int(record["n"]))
+        elif kind == "done" and int(record["n"]) >= self.executed:
+            self.executed = int(record["n"])
+            self.sent = max(self.sent, self.executed)
+            self.stroke = record.get("stroke")
+            self.steps = _pair(record.get("steps")) or self.steps
+            self.board_time_s = float(record["t"])
+        elif kind == "stroke":
+            self.strokes.add(int(record["i"]))
+            self.steps = _pair(record.get("steps")) or self.steps
+            self.stroke = None
+        elif kind == "end":
+            self.ended = str(record["why"])
+            self.steps = _pair(record.get("steps")) or self.steps
+
+
+def load(path: Path) -> PlotState | None:
+    """What the journal at `path` tells; None when there is none, or not even its head can be read. Never raises for damage."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    head: dict[str, Any] | None = None
+    reading, damaged = _Reading(), 0
+    for line in content.split(b"\n"):
+        record = _sound(line)
+        if record is None:
+            damaged += bool(line)
+            continue
+        if record.get("kind") == "head":
+            head = head or (record if record.get("format") == FORMAT else None)
+            continue
+        try:
+            reading.take(record)
+        except (KeyError, TypeError, ValueError):
+            damaged += 1
+    if head is None:
+        return None
+    return PlotState(
+        head=head,
+        part=reading.part,
+        parts=reading.parts,
+        executed=reading.executed,
+        sent=reading.sent,
+        strokes_done=frozenset(reading.strokes),
+        stroke=reading.stroke,
+        steps=reading.steps,
+        board_time_s=reading.board_time_s,
+        ended=reading.ended,
+        damaged=damaged,
+    )
+
+
+def _sound(line: bytes) -> dict[str, Any] | None:
+    """The record of a line whose length and checksum are right."""
+    try:
+        length, checksum, body = int(line[:8], 16), int(line[9:17], 16), line[18:]
+        if len(body) != length or zlib.crc32(body) != checksum:
+            return None
+        record = json.loads(body)
+    except ValueError:
+        return None
+    return record if isinstance(record, dict) else None
+
+
+def _pair(value: object) -> tuple[int, int] | None:
+    if isinstance(value, list | tuple) and len(value) == 2:
+        return int(value[0]), int(value[1])
+    return None
+
+
+def differences(then: Mapping[str, Any], now: Mapping[str, Any], *, ignore: Sequence[str] = ("kind", "format")) -> list[str]:
+    """What is not as it was, one phrase each: "pen-down speed was 25, is 30". Nested mappings are compared key by key."""
+    found = []
+    for key in sorted({*then, *now} - set(ignore)):
+        before, after = then.get(key), now.get(key)
+        if isinstance(before, Mapping) and isinstance(after, Mapping):
+            found += [f"{key} {phrase}" for phrase in differences(before, after, ignore=())]
+        elif before != after and list(_flat(before)) != list(_flat(after)):
+            found.append(f"{key.replace('_', ' ')} was {_short(before)}, is {_short(after)}")
+    return found
+
+
+def _flat(value: object) -> list[object]:
+    return list(value) if isinstance(value, list | tuple) else [value]
+
+
+def _short(value: object) -> str:
+    text = "not set" if value is None else str(value)
+    return text if len(text) <= 40 else text[:12] + "…"

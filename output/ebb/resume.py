@@ -1,0 +1,138 @@
+"""Where an interrupted plot stands: the journal's bounds, the board's own position, and the same program made again.
+
+After a crash the board goes on with what it had queued and then stands still, pen where it was. The journal says which commands
+are executed for certain and how many can have been sent; between the two, the board's step counters (QS) say which it was:
+
+    |  executed, by the journal  |  may be executed  |  never sent  |
+                                 ^ searched for the place where the counters are what the board says ^
+
+The program must be the same: made from the same drawing, settings and version, which `journal.differences` of the heads tells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import hypot
+
+from output.ebb import arithmetic, arithmetic_old
+from output.ebb.arithmetic import NeverEnds, State, StepRateRefused
+from output.ebb.commands import CS, EM, SP, TP, Command, MotionCommand
+from output.ebb.firmware import Firmware
+from output.ebb.journal import PlotState
+from output.ebb.program import Program, StrokeEnd, StrokeMark
+from output.ebb.session import Board
+
+Steps = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A place in a program. `command` is the first that is not wholly executed there (counted from 0), `stroke` the stroke it
+    belongs to or None between strokes, `pen_down` as commanded, `steps` both motors' counters there, `drawn_steps` the length
+    that has been drawn of this stroke, along its commands, in steps (the norm of both motors')."""
+
+    command: int
+    stroke: int | None
+    pen_down: bool
+    steps: Steps
+    drawn_steps: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """One command of the program: from where to where the motors go, and what holds after it."""
+
+    index: int
+    start: Steps
+    end: Steps
+    stroke: int | None
+    pen_down: bool
+    drawn_before: float
+
+    @property
+    def length(self) -> float:
+        return hypot(self.end[0] - self.start[0], self.end[1] - self.start[1])
+
+
+def position_lost(board: Board, state: PlotState) -> str | None:
+    """Why the board's counters cannot be trusted to be where the pen is; None when they can.
+
+    Asks the board; nothing moves. A hand can still have pushed a machine whose motors are on; that nobody can tell.
+    """
+    token = state.part.get("token", state.head.get("token"))
+    if not isinstance(token, int) or not board.has_token(token):
+        return "the board was switched off, restarted or given another job since"
+    if board.motors_off():
+        return "the motors were switched off since, so that the carriage can have been moved"
+    return None
+
+
+def find_place(program: Program, firmware: Firmware, state: PlotState, steps: Steps | None) -> Place | None:
+    """Where in `program` a board stands whose counters are `steps`, searched only where the journal allows.
+
+    With `steps` None the position is not known: the place is after the last command that is executed for certain, which may
+    draw up to the queue's length twice but leaves no gap. None when the counters fit nowhere: they were changed since.
+    The earliest place is taken where several fit. Linear in the commands executed.
+    """
+    for piece in _pieces(program, firmware):
+        if piece.index < state.executed - 1:
+            continue
+        if steps is None:
+            if piece.index == state.executed - 1 or state.executed == 0:
+                return _after(piece) if state.executed else _before(piece)
+            continue
+        if piece.index >= state.sent:
+            break
+        if piece.end == steps:
+            return _after(piece)
+        if _between(piece, steps):
+            share = hypot(steps[0] - piece.start[0], steps[1] - piece.start[1])
+            return Place(piece.index, piece.stroke, piece.pen_down, steps, piece.drawn_before + share * piece.pen_down)
+    return None
+
+
+def _after(piece: _Piece) -> Place:
+    drawn = piece.drawn_before + piece.length * piece.pen_down
+    return Place(piece.index + 1, piece.stroke, piece.pen_down, piece.end, drawn)
+
+
+def _before(piece: _Piece) -> Place:
+    return Place(piece.index, piece.stroke, False, piece.start, 0.0)
+
+
+def _between(piece: _Piece, steps: Steps) -> bool:
+    """Inside the box of the move, two steps wider: a timed move that bends leaves the straight line between its ends."""
+    return piece.start != piece.end and all(
+        min(a, b) - 2 <= s <= max(a, b) + 2 for a, b, s in zip(piece.start, piece.end, steps, strict=True)
+    )
+
+
+def _pieces(program: Program, firmware: Firmware) -> Iterator[_Piece]:
+    """The program's commands with the counters before and after each, by the firmware's arithmetic."""
+    execute = arithmetic_old.execute if firmware.old_arithmetic else arithmetic.execute
+    state, stroke, down, drawn, index = State(), None, False, 0.0, 0
+    for item in program:
+        if isinstance(item, StrokeMark):
+            stroke, drawn = item.index, 0.0
+        elif isinstance(item, StrokeEnd):
+            stroke = None
+        if not isinstance(item, Command):
+            continue
+        start = state.position
+        if isinstance(item, EM | CS):
+            state = State()
+            start = state.position
+        elif isinstance(item, SP):
+            down = item.value == 0
+        elif isinstance(item, TP):
+            down = not down
+        elif isinstance(item, MotionCommand):
+            try:
+                state = execute(item, state).state
+            except (NeverEnds, StepRateRefused):
+                return
+        piece = _Piece(index, start, state.position, stroke, down, drawn)
+        yield piece
+        drawn += piece.length * down
+        index += 1

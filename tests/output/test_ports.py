@@ -1,0 +1,316 @@
+"""Finding boards, choosing one, and keeping others off it."""
+
+from __future__ import annotations
+
+import os
+import pty
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import serial
+
+from output.ebb.link import SerialPort
+from output.ebb.port_lock import PortLock
+from output.ebb.ports import FoundPort, choose_port, find_ports, wait_for_board
+from output.ebb.session import connect
+from output.errors import BoardRefused, LinkLost
+from tests.output.fake_ebb import FakeEbb
+
+
+def listed(
+    device: str, vid: int | None, pid: int | None, product: str | None = None, serial_number: str | None = None
+) -> object:
+    return SimpleNamespace(
+        device=device, vid=vid, pid=pid, product=product, serial_number=serial_number, description=product or device
+    )
+
+
+# What pyserial lists on each system, with and without a nickname, and the neighbours that must not be taken for a board.
+SYSTEMS = {
+    "linux": [
+        listed("/dev/ttyS0", None, None),
+        listed("/dev/ttyACM1", 0x04D8, 0xFD92, "EiBotBoard", None),
+        listed("/dev/ttyACM0", 0x04D8, 0xFD92, "EiBotBoard,East EBB", "East EBB"),
+        listed("/dev/ttyACM2", 0x04D8, 0x000A, "CDC RS-232 Emulation Demo"),
+    ],
+    "macos": [
+        listed("/dev/cu.Bluetooth-Incoming-Port", None, None),
+        listed("/dev/cu.usbmodem14101", 0x04D8, 0xFD92, "EiBotBoard,West", "West"),
+        listed("/dev/cu.usbserial-1420", 0x0403, 0x6001, "FT232R"),
+    ],
+    "windows": [
+        listed("COM1", None, None),
+        SimpleNamespace(
+            device="COM4", vid=0x04D8, pid=0xFD92, product=None, serial_number="", description="EiBotBoard,Old One (COM4)"
+        ),
+    ],
+    "raspberry pi": [listed("/dev/ttyAMA0", None, None), listed("/dev/ttyACM0", 0x04D8, 0xFD92, None, "Pi plotter")],
+}
+
+
+@pytest.mark.parametrize(
+    ("system", "expected"),
+    [
+        ("linux", [("/dev/ttyACM0", "East EBB"), ("/dev/ttyACM1", "")]),
+        ("macos", [("/dev/cu.usbmodem14101", "West")]),
+        ("windows", [("COM4", "Old One")]),
+        ("raspberry pi", [("/dev/ttyACM0", "Pi plotter")]),
+    ],
+)
+def test_boards_are_found_by_what_the_usb_says(system: str, expected: list[tuple[str, str]]) -> None:
+    assert [(port.device, port.nickname) for port in find_ports(SYSTEMS[system])] == expected
+
+
+EAST, EASTER, WEST = FoundPort("/dev/a", "East"), FoundPort("/dev/b", "Easter"), FoundPort("/dev/c", "West")
+
+
+def test_one_board_needs_no_name() -> None:
+    assert choose_port(None, [EAST]) == "/dev/a"
+
+
+def test_none_is_an_error_and_never_a_simulation() -> None:
+    with pytest.raises(LinkLost, match=r"no EiBotBoard is plugged in.*--port sim"):
+        choose_port(None, [])
+
+
+def test_two_boards_and_no_choice_are_refused_by_name() -> None:
+    with pytest.raises(BoardRefused, match=r"/dev/a \(East\).*/dev/c \(West\)"):
+        choose_port(None, [EAST, WEST])
+
+
+def test_nicknames_are_taken_exactly_first_and_then_by_a_unique_beginning() -> None:
+    assert choose_port("east", [EAST, EASTER, WEST]) == "/dev/a"
+    assert choose_port("w", [EAST, EASTER, WEST]) == "/dev/c"
+    with pytest.raises(BoardRefused, match="fits 2 boards"):
+        choose_port("Eas", [EAST, EASTER, WEST])
+    with pytest.raises(LinkLost, match="no board is named 'North'"):
+        choose_port("North", [EAST])
+
+
+@pytest.mark.parametrize("name", ["/dev/ttyACM7", "COM12", "com3", "./ebb"])
+def test_a_port_is_taken_as_it_is(name: str) -> None:
+    assert choose_port(name, [EAST, WEST]) == name
+
+
+def test_a_board_that_comes_back_under_another_name_is_known_by_its_nickname() -> None:
+    now = [0.0]
+    lists = iter([[], [WEST], [WEST, FoundPort("/dev/z", "East")]])
+    assert (
+        wait_for_board(
+            "East", 5.0, find=lambda: next(lists), sleep=lambda s: now.__setitem__(0, now[0] + s), clock=lambda: now[0]
+        )
+        == "/dev/z"
+    )
+    with pytest.raises(LinkLost, match="did not come back within 1 s"):
+        wait_for_board("East", 1.0, find=lambda: [WEST], sleep=lambda s: now.__setitem__(0, now[0] + s), clock=lambda: now[0])
+
+
+# opening
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, str]]:
+    master, slave = pty.openpty()
+    name = os.ttyname(slave)
+    os.close(slave)
+    yield master, name
+    os.close(master)
+
+
+def test_a_missing_port_is_a_lost_link() -> None:
+    with pytest.raises(LinkLost, match=r"no port /dev/not-there.*plotter ports"):
+        connect("/dev/not-there")
+
+
+def test_a_file_is_no_port(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(BoardRefused, match="not a serial port"):
+        connect(str(tmp_path / "file"))
+
+
+def test_a_second_opening_names_the_holder(terminal: tuple[int, str]) -> None:
+    _, name = terminal
+    port = SerialPort(name)
+    other = subprocess.run(
+        [sys.executable, "-c", f"from output.ebb.link import SerialPort; SerialPort({name!r})"],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert f"in use by process {os.getpid()}" in other.stderr
+    port.send(b"V\r")
+    port.close()
+    SerialPort(name).close()
+
+
+def test_another_users_lock_on_the_port_itself_is_respected(terminal: tuple[int, str]) -> None:
+    _, name = terminal
+    with serial.Serial(name, exclusive=True), pytest.raises(BoardRefused, match="in use by another program"):
+        SerialPort(name)
+
+
+def test_a_lock_ends_with_its_process(terminal: tuple[int, str]) -> None:
+    _, name = terminal
+    holder = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            f"import time\nfrom output.ebb.link import SerialPort\np = SerialPort({name!r}); print(1, flush=True)\n"
+            "time.sleep(60)",
+        ],
+        stdout=subprocess.PIPE,
+    )
+    assert holder.stdout is not None
+    holder.stdout.readline()
+    with pytest.raises(BoardRefused, match=f"process {holder.pid}"):
+        SerialPort(name)
+    holder.kill()
+    holder.wait()
+    holder.stdout.close()
+    SerialPort(name).close()
+
+
+def test_no_permission_tells_the_group(terminal: tuple[int, str]) -> None:
+    """As an ordinary user; for root no mode forbids anything, so a child gives its rights up first."""
+    _, name = terminal
+    Path(name).chmod(0)
+    code = "import os\nfrom output.ebb.link import SerialPort\nos.setuid(65534) if os.getuid() == 0 else None\n"
+    code += f"SerialPort({name!r})"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
+    Path(name).chmod(stat.S_IRUSR | stat.S_IWUSR)
+    assert "dialout" in out.stderr
+
+
+def test_lock_files_do_not_stay(tmp_path: Path) -> None:
+    lock = PortLock("/dev/x", tmp_path)
+    assert lock.path.exists()
+    with pytest.raises(BoardRefused, match="in use by process"):
+        PortLock("/dev/x", tmp_path)
+    PortLock("/dev/y", tmp_path).release()
+    lock.release()
+    lock.release()
+    assert list(tmp_path.iterdir()) == []
+    PortLock("/dev/x", tmp_path).release()
+
+
+def test_a_pulled_cable_is_a_lost_link_for_every_verb() -> None:
+    master, slave = pty.openpty()
+    port = SerialPort(os.ttyname(slave))
+    os.close(slave)
+    os.close(master)
+    with pytest.raises(LinkLost):
+        port.receive(1.0)
+    with pytest.raises(LinkLost):
+        port.send(b"V\r")
+        port.send(b"V\r")
+    port.close()
+    port.close()
+    port.wake()
+
+
+def test_a_board_that_reads_nothing_cannot_hold_us(terminal: tuple[int, str]) -> None:
+    _, name = terminal
+    port = SerialPort(name)
+    began = time.monotonic()
+    with pytest.raises(LinkLost, match="took no bytes"):
+        for _ in range(100):
+            port.send(b"x" * 1000)
+    assert time.monotonic() - began < 1.0
+    port.close()
+
+
+def test_closing_has_a_deadline(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    _, name = terminal
+    port = SerialPort(name)
+    monkeypatch.setattr(port._serial, "close", lambda: time.sleep(30))
+    began = time.monotonic()
+    port.close()
+    assert time.monotonic() - began < 1.5
+
+
+def test_waiting_ends_when_woken(terminal: tuple[int, str]) -> None:
+    _, name = terminal
+    port = SerialPort(name)
+    port.wake()
+    began = time.monotonic()
+    assert port.receive(5.0) == b""
+    assert time.monotonic() - began < 0.5
+    port.close()
+
+
+# who answers
+
+
+class Talker(FakeEbb):
+    """Something else on the port: answers every line with the same text."""
+
+    answer = b""
+
+    def _execute(self, wire: str) -> bytes:  # noqa: ARG002 - it answers everything alike
+        return self.answer
+
+
+@pytest.mark.parametrize(
+    ("answer", "match"),
+    [(b"", "answers nothing"), (b"error:20\r\nGrbl 1.1f ['$' for help]\r\n", "Grbl"), (b"\xff\x00\n", "not an EiBotBoard")],
+)
+def test_something_else_on_the_port_is_refused(answer: bytes, match: str) -> None:
+    fake = Talker()
+    fake.answer = answer
+    with pytest.raises(BoardRefused, match=match):
+        connect(fake, clock=fake.clock)
+    assert fake.dead, "the port is given back"
+    assert not any(b"SP" in data or b"SM" in data for _, data in fake.written)
+
+
+@pytest.mark.parametrize("version", [(2, 2, 6), (1, 9, 5)])
+def test_firmware_whose_queue_cannot_be_watched_is_refused(version: tuple[int, int, int]) -> None:
+    fake = FakeEbb(version=version)
+    with pytest.raises(BoardRefused, match="update it"):
+        connect(fake, clock=fake.clock)
+
+
+@pytest.mark.parametrize("version", [(2, 4, 4), (2, 5, 3), (2, 8, 1), (3, 0, 0), (3, 0, 3), (9, 9, 0)])
+@pytest.mark.parametrize("future", [False, True])
+@pytest.mark.parametrize("half_line", [b"", b"SM,10", b"AT"])
+def test_the_handshake_works_from_any_state(version: tuple[int, int, int], future: bool, half_line: bytes) -> None:
+    fake = FakeEbb(version=version, future=future and version[0] >= 3, half_line=half_line)
+    fake.say(b"T3\nT3\nOK\r\nQU,4\n\n")  # what the program before did not read any more
+    board = connect(fake, clock=fake.clock)
+    assert board.firmware == ".".join(map(str, version))
+    assert board.query("QS") == "0,0"
+    again = connect(fake, clock=fake.clock)
+    assert again.query("QS") == "0,0"
+    assert fake.pen_up
+
+
+def test_a_modem_manager_in_the_line_is_survived() -> None:
+    fake = FakeEbb()
+    count = [0]
+
+    def meddle(f: FakeEbb) -> None:
+        count[0] += 1
+        if count[0] < 6:
+            f._in.append((f.now, b"AT\r"))
+
+    fake.on_time = meddle
+    board = connect(fake, clock=fake.clock, clear=False)
+    fake.on_time = None
+    assert board.firmware == "3.0.3"
+
+
+def test_a_new_connection_stops_what_moves_and_a_quiet_one_does_not() -> None:
+    for clear in (True, False):
+        fake = FakeEbb()
+        fake.send(b"SM,5000,100,100\r")
+        fake.receive(0.1)
+        board = connect(fake, clock=fake.clock, clear=clear)
+        assert (fake.executing is None) is clear
+        board.close()
