@@ -61,9 +61,7 @@ class Settings(BaseModel):
 
     order: Literal["none", "greedy", "best"] = Field("best", description="How strokes are put in order.")
     order_time: Budget = Field(10.0, description="Time that `best` may take.")
-    join: Annotated[Length, Field(ge=0, le=10)] = Field(
-        0.1, description="Stroke ends closer than this become one stroke."
-    )
+    join: Annotated[Length, Field(ge=0, le=10)] = Field(0.1, description="Stroke ends closer than this become one stroke.")
     keep_duplicates: bool = Field(False, description="Draw lines that lie on each other as often as the file has them.")
     seed: int = Field(0, ge=0, description="Seed of the ordering's random choices.")
 

@@ -46,11 +46,18 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
     job = prepare(file, collect_reading(options), settings)
     notes(job.notes)
     if port == SIM:
-        with start_virtual_board(firmware=settings.firmware, speed=speed, record=record, keep_wire=False) as virtual:
+        with start_virtual_board(
+            firmware=settings.firmware, speed=speed, record=record, keep_wire=False, patience_s=patience_s(speed)
+        ) as virtual:
             _plot_on(job, virtual.port, speed)
             _keep_picture(virtual, picture, job)
         return
     _plot_on(job, chosen_port(port), 1.0)
+
+
+def patience_s(speed: float) -> float:
+    """How long the virtual board waits for this computer before it runs dry: in real time not at all, as a board would."""
+    return 0.0 if speed <= 1 else 5.0
 
 
 def chosen_port(port: str | None) -> str:

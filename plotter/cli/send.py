@@ -10,7 +10,7 @@ from output.ebb.firmware import firmware
 from output.ebb.session import connect
 from output.ebb.verify import verify
 from output.ebb.virtual.process import start_virtual_board
-from plotter.cli.plot import SIM, chosen_port, finish
+from plotter.cli.plot import SIM, chosen_port, finish, patience_s
 from plotter.cli.say import progress_bar
 from plotter.cli.verify import DEFAULT_FIRMWARE, DEFAULT_MACHINE
 from plotter.errors import BadInput
@@ -36,7 +36,7 @@ def send(file: str, port: str | None, speed: float) -> None:
         raise BadInput(f"cannot read {file}: {error.strerror}; give a command file") from None
     version = header.get("firmware", DEFAULT_FIRMWARE)
     if where == SIM:
-        with start_virtual_board(firmware=version, speed=speed, keep_wire=False) as virtual:
+        with start_virtual_board(firmware=version, speed=speed, keep_wire=False, patience_s=patience_s(speed)) as virtual:
             _send_to(virtual.port, file, header, items, speed)
         return
     _send_to(where, file, header, items, 1.0)
