@@ -114,8 +114,10 @@ class Ramp:
         return first < 0 or (first == 0 and (self.a + self.j < 0 or (self.a + self.j == 0 and self.j < 0)))
 
 
-# A move that has not taken its steps after this many ticks (an hour and a half) counts as one that never ends.
-NEVER = 1 << 27
+# A move that has not taken its steps after this many ticks counts as one that never ends: a day where the closed form holds,
+# eleven minutes where registers wrap and every tick has to be looked at.
+NEVER = 1 << 31
+NEVER_WRAPPING = 1 << 24
 
 
 def ticks_to_take(steps: int, ramp: Ramp, acc: int) -> int | None:
@@ -182,7 +184,8 @@ def _keeps_sign(ramp: Ramp, first: int, last: int, positive: bool) -> bool:
 
 
 def _ticks_by_chunks(steps: int, ramp: Ramp, phase: int, start: int) -> int | None:
-    while start < NEVER:
+    last = start + NEVER_WRAPPING
+    while start < last:
         sums = np.cumsum(ramp.rates(start + 1, _CHUNK)) + (phase & PHASE_MASK)
         whole = np.concatenate(([0], sums >> 31))
         taken = np.cumsum(np.abs(np.diff(whole)))

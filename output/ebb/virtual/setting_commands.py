@@ -51,6 +51,8 @@ def _set_option(board: Board, p: Packet, number: int, value: int) -> bool:
             p.syntax.future = on
         elif number == 50:
             board.auto_enable = on
+        elif number == 256:
+            board.discard_moves = on
         elif number == 53:
             board.limit_replies = on
         elif number == 54:
