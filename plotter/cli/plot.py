@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from output.ebb.control import StopFlag
+from output.ebb.ports import choose_port
 from output.ebb.session import StreamResult, connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from planning.motion.limits import Kinematics
@@ -27,7 +28,10 @@ SIM = "sim"
 
 @click.command()
 @click.argument("file", metavar="FILE.svg")
-@click.option("--port", help="Serial port of the board; `sim` is the built-in virtual board.")
+@click.option(
+    "--port",
+    help="Serial port or nickname of the board; `sim` is the built-in virtual board. Default: the only board there is.",
+)
 @click.option("--speed", type=click.FloatRange(0.1, 1000), default=1.0, help="How much faster than real time `sim` runs.")
 @click.option("--record", type=click.Path(path_type=Path, dir_okay=False), help="Keep the virtual board's record (JSON).")
 @click.option("--picture", type=click.Path(path_type=Path, dir_okay=False), help="Draw the virtual board's ink: .png or .svg.")
@@ -43,6 +47,7 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
     if port != SIM and (record or picture or speed != 1.0):
         raise BadInput("--speed, --record and --picture are the virtual board's: give --port sim with them")
     settings = collect(options).values
+    device = SIM if port == SIM else choose_port(port)
     job = prepare(file, collect_reading(options), settings)
     notes(job.notes)
     if port == SIM:
@@ -52,19 +57,12 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
             _plot_on(job, virtual.port, speed)
             _keep_picture(virtual, picture, job)
         return
-    _plot_on(job, chosen_port(port), 1.0)
+    _plot_on(job, device, 1.0)
 
 
 def patience_s(speed: float) -> float:
     """How long the virtual board waits for this computer before it runs dry: in real time not at all, as a board would."""
     return 0.0 if speed <= 1 else 5.0
-
-
-def chosen_port(port: str | None) -> str:
-    """The port that was asked for. Raises BadInput when none was."""
-    if port is None:
-        raise BadInput("no port is given: name the board's with --port, or plot on the virtual board with --port sim")
-    return port
 
 
 def _plot_on(job: Job, port: str, board_speed: float) -> None:

@@ -7,10 +7,11 @@ import click
 from output.ebb.command_file import Line, read_command_file
 from output.ebb.control import StopFlag
 from output.ebb.firmware import firmware
+from output.ebb.ports import choose_port
 from output.ebb.session import connect
 from output.ebb.verify import verify
 from output.ebb.virtual.process import start_virtual_board
-from plotter.cli.plot import SIM, chosen_port, finish, patience_s
+from plotter.cli.plot import SIM, finish, patience_s
 from plotter.cli.say import progress_bar
 from plotter.cli.verify import DEFAULT_FIRMWARE, DEFAULT_MACHINE
 from plotter.errors import BadInput
@@ -20,7 +21,10 @@ from plotter.units import spoken_duration
 
 @click.command()
 @click.argument("file", metavar="COMMANDS")
-@click.option("--port", help="Serial port of the board; `sim` is the built-in virtual board.")
+@click.option(
+    "--port",
+    help="Serial port or nickname of the board; `sim` is the built-in virtual board. Default: the only board there is.",
+)
 @click.option("--speed", type=click.FloatRange(0.1, 1000), default=1.0, help="How much faster than real time `sim` runs.")
 def send(file: str, port: str | None, speed: float) -> None:
     """Send a command file to a board, after replaying it as `plotter verify` does.
@@ -28,7 +32,7 @@ def send(file: str, port: str | None, speed: float) -> None:
     \b
     plotter send drawing.ebb --port /dev/ttyACM0
     """
-    where = chosen_port(port)
+    where = SIM if port == SIM else choose_port(port)
     try:
         header, lines = read_command_file(file)
         items = list(lines)

@@ -12,8 +12,13 @@ import numpy as np
 from output.ebb.command_file import read_command_file
 from output.ebb.firmware import firmware
 from output.ebb.verify import Report, verify
+from output.ebb.verify_compare import Comparison, compare
+from plotter.arrange import arrange
+from plotter.cli.reading import collect_reading, read_file, reading_options
 from plotter.errors import BadInput
-from plotter.machines.profile import load_machine
+from plotter.machines.profile import Machine, load_machine
+from plotter.settings import resolve
+from plotter.svg.options import ReadOptions
 from plotter.units import spoken_duration
 
 DEFAULT_MACHINE, DEFAULT_FIRMWARE = "axidraw-v3", "3.0.3"
@@ -30,8 +35,18 @@ DEFAULT_MACHINE, DEFAULT_FIRMWARE = "axidraw-v3", "3.0.3"
 @click.option(
     "--strokes", "strokes_file", type=click.Path(path_type=Path, dir_okay=False), help="Write pen-down polylines (JSON)."
 )
+@click.option("--against", metavar="FILE.svg", help="Also compare what would be drawn with this drawing, both ways.")
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
-def verify_file(file: str, machine_name: str | None, version: str | None, strokes_file: Path | None, as_json: bool) -> None:
+@reading_options
+def verify_file(
+    file: str,
+    machine_name: str | None,
+    version: str | None,
+    strokes_file: Path | None,
+    against: str | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
     """Replay COMMANDS with the firmware's exact arithmetic. Exit code 2 when the file should not be sent.
 
     \b
@@ -52,9 +67,32 @@ def verify_file(file: str, machine_name: str | None, version: str | None, stroke
     if strokes_file is not None:
         _write_strokes(strokes_file, report, machine.width_mm, machine.height_mm)
     values = {"file": file, "machine": machine.name, **report.as_dict()}
-    click.echo(json.dumps(_rounded(values), indent=2) if as_json else _said(file, report))
+    text = _said(file, report)
+    if against is not None:
+        comparison = _compared(report, against, header, machine, collect_reading(options))
+        values["against"] = {"drawing": against, **comparison.as_dict()}
+        text += "\n" + _comparison_said(against, comparison)
+    click.echo(json.dumps(_rounded(values), indent=2) if as_json else text)
     if not report.sendable:
         raise BadInput(f"{file} should not be sent: {report.problems[0]}" + _more(report.problems))
+
+
+def _compared(report: Report, drawing: str, header: dict[str, str], machine: Machine, reading: ReadOptions) -> Comparison:
+    """Ink against the drawing, placed on the machine as the file's head says that it was."""
+    words = (word.partition("=") for word in header.get("settings", "").split())
+    placing = {"rotate", "fit", "scale", "margin", "offset_x", "offset_y"}
+    settings = resolve({key: value for key, _, value in words if key in placing} | {"machine": machine.name}).values
+    wanted = arrange(read_file(drawing, reading), settings, machine).layers
+    if not report.strokes:
+        raise BadInput("the command file draws nothing that could be compared; leave out --against")
+    return compare(report.strokes, [stroke.points_mm for layer in wanted for stroke in layer.strokes])
+
+
+def _comparison_said(drawing: str, comparison: Comparison) -> str:
+    lines = [f"  against {drawing}, sampled every {comparison.sample_mm:.3f} mm"]
+    for name, way in (("ink off the drawing", comparison.drawn), ("drawing off the ink", comparison.wanted)):
+        lines.append(f"    {name}: mean {way.mean_mm:.4f} mm, 99 % {way.p99_mm:.4f} mm, greatest {way.max_mm:.4f} mm")
+    return "\n".join(lines)
 
 
 def _more(problems: list[str]) -> str:
