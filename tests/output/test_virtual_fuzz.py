@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from output.ebb.virtual.board import Board
-from output.ebb.virtual.command_table import _TABLE
+from output.ebb.virtual.command_table import COMMANDS
 from output.ebb.virtual.firmware import FIRMWARES
 from output.ebb.virtual.registers import int32
 
@@ -17,7 +17,7 @@ numbers = st.one_of(
 ).map(lambda value: str(value).encode())
 words = st.one_of(numbers, numbers, numbers, st.sampled_from([b"", b"x", b"+1", b"1.5", b"A", b"b"]))
 # CU,4,0 stops a real board for good, and so does R in the middle of anything interesting.
-names = st.sampled_from([*sorted(set(_TABLE) - {b"CU", b"RB", b"BL"}), b"ZZ", b"Q", b"sm", b"t3"])
+names = st.sampled_from([*sorted(set(COMMANDS) - {b"CU", b"RB", b"BL"}), b"ZZ", b"Q", b"sm", b"t3"])
 commands = st.builds(lambda name, given: b",".join([name, *given]) + b"\r", names, st.lists(words, max_size=10))
 versions = st.sampled_from(sorted(FIRMWARES))
 

@@ -6,29 +6,22 @@ ES, QG and SP,2 wait for it like on the real board.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from output.ebb.virtual import checksum
-from output.ebb.virtual.command_table import commands_of
 from output.ebb.virtual.firmware import firmware as firmware_named
-from output.ebb.virtual.line_input import LineInput
+from output.ebb.virtual.guards import LimitSwitch, Supply
 from output.ebb.virtual.motion import MotionQueue, Running
-from output.ebb.virtual.motion_commands import Handling, Wait
-from output.ebb.virtual.moves import EnableMotors, Engrave, PenMove, QueueEntry, StepperMove
-from output.ebb.virtual.packet import Packet, Syntax
-from output.ebb.virtual.parse_time import parse_ticks
+from output.ebb.virtual.moves import EnableMotors, Engrave, PenMove, QueueEntry
+from output.ebb.virtual.packet import Syntax
+from output.ebb.virtual.parser import Parser
 from output.ebb.virtual.pins import Pins
 from output.ebb.virtual.record import Recorder
 from output.ebb.virtual.registers import TICKS_PER_S
 from output.ebb.virtual.servo import PEN_RP_PIN, Servo
 from output.ebb.virtual.timed_reports import TimedReports
 
-ADC_SCAN_TICKS = 150  # V+ is compared with its threshold about every 6 ms
 CURRENT_ADC = 394
-SUPPLY_ADC = 300
 _MICROSTEPS = {1: 16, 2: 8, 3: 4, 4: 2, 5: 1}
 
 
@@ -39,16 +32,6 @@ class Sent:
     tick: int
     data: bytes
     command: int
-
-
-@dataclass(slots=True)
-class _Handling:
-    """The command in the parser: what it waits for and since when."""
-
-    packet: Packet
-    steps: Handling
-    waiting: QueueEntry | Wait
-    since: int
 
 
 class Board:
@@ -69,12 +52,11 @@ class Board:
     ) -> None:
         self.firmware = firmware_named(firmware)
         self.version_line = self.firmware.version_line if version_line is None else version_line
-        self.commands = commands_of(self.firmware)
         self.now = 0
         self.timed = timed
         self.recorder = recorder if recorder is not None else Recorder()
         self.nickname = nickname.encode("latin-1")[:16]
-        self.supply_on = True
+        self.supply = Supply()
         self.memory = bytearray(4096)
         self.stack_high_water = 0xE71
         self.usb_dropped = False
@@ -84,20 +66,11 @@ class Board:
         self.servo = Servo()
         if pen_down:
             self.servo.start_position = self.servo.target = self.servo.maximum
-        self.parse_factor = 1.0
-        self.intercept: Callable[[int, bytes], bytes | None] | None = None
         self._output: list[Sent] = []
-        self._command_index = -1
-        self._power_up()
+        self.parser = Parser(self)
+        self._defaults()
 
     # ---- power-on state
-
-    def _power_up(self) -> None:
-        self._input = LineInput(binary_y=self.firmware.version == "3.0.2")
-        self._lines: deque[tuple[bytes | None, bytes]] = deque()
-        self._parsed_at: int | None = None
-        self._handling: _Handling | None = None
-        self._defaults()
 
     def _defaults(self) -> None:
         """What boot and R set; the nickname and the outside world stay."""
@@ -106,15 +79,8 @@ class Board:
         self.auto_enable = True
         self.discard_moves = False
         self.checksums = False
-        self.limit_mask = 0
-        self.limit_target = 0
-        self.limit_replies = False
-        self.limit_triggered = False
-        self.limit_port_b = 0
-        self.limit_reply_due = False
-        self.power_threshold = 0
-        self.power_lost = False
-        self._scanned_to = self.now
+        self.limit = LimitSwitch()
+        self.supply.forget(self.now)
         self.stepper_timeout_s = 0
         self._motors_off_at: int | None = None
         self.variables = [0] * (32 if self.firmware.since(3, 0, 0) else 1)
@@ -147,7 +113,8 @@ class Board:
         """RB or a brown-out: everything as after power-on, and the USB connection drops."""
         self.usb_dropped = True
         self.in_bootloader = False
-        self._power_up()
+        self.parser.restart()
+        self._defaults()
 
     def enter_bootloader(self) -> None:
         """BL: the firmware is gone until the board is rebooted."""
@@ -159,29 +126,33 @@ class Board:
     def feed(self, data: bytes) -> None:
         """Bytes that reach the board at the present tick."""
         if not self.in_bootloader:
-            self._lines.extend(self._input.lines(data))
-            self._parse()
+            self.parser.feed(data)
 
     def output(self) -> list[Sent]:
         """What the board has sent since the last call, in order."""
         sent, self._output = self._output, []
         return sent
 
+    def send(self, data: bytes) -> None:
+        """Bytes leave the board now."""
+        if data:
+            self._output.append(Sent(self.now, data, self.parser.commands_seen - 1))
+
     @property
     def wants_bytes(self) -> bool:
         """False while commands wait to be parsed: the board takes no more from USB then."""
-        return not self._lines and self._handling is None and self._parsed_at is None
+        return self.parser.free
 
     @property
     def blocked_on_motion(self) -> bool:
         """A motion command is in the parser and waits for the queue."""
-        return self._handling is not None
+        return self.parser.blocked
 
     def next_event(self) -> int | None:
         """The next tick at which the board does something by itself, or None."""
         events = [
             self.motion.next_event(),
-            self._parsed_at,
+            self.parser.parsed_at,
             self.servo.power_off_at,
             self._motors_off_at,
             self.reports.next_tick(),
@@ -216,118 +187,12 @@ class Board:
             self.set_motors(False, False)
         if self.reports.due:
             for packet in self.reports.packets(self):
-                self._send(packet)
-        if self._handling is not None:
-            self._resume()
-        if self._parsed_at is not None and self._parsed_at <= now:
-            self._parsed_at = None
-            line, _ = self._lines.popleft()
-            assert line is not None
-            self._handle(line)
-        self._parse()
+                self.send(packet)
+        self.parser.step()
 
-    # ---- the parser
-
-    def _parse(self) -> None:
-        """Take up the next line if the parser is free."""
-        while self._lines and self._parsed_at is None and self._handling is None:
-            line, echo = self._lines[0]
-            if line is None:
-                self._send(echo)
-                self._lines.popleft()
-            elif self.timed:
-                ticks = parse_ticks(line, self.motion.rates(self.now))
-                self._parsed_at = self.now + round(ticks * self.parse_factor)
-            else:
-                self._lines.popleft()
-                self._handle(line)
-
-    def _send(self, data: bytes) -> None:
-        if data:
-            self._output.append(Sent(self.now, data, self._command_index))
-
-    def _handle(self, line: bytes) -> None:
-        self._command_index += 1
-        self.recorder.command(self.now, line)
-        length = 1 if len(line) < 2 or line[1] == 0x2C else 2
-        name = line[:length].upper()
-        packet = Packet(name, line, length, self.firmware, self.syntax)
-        refusal = self.intercept(self.recorder.commands - 1, line) if self.intercept is not None else None
-        if refusal is not None:
-            packet.echo()
-            packet.say(refusal)
-            self._finish(packet)
-            return
-        if self.checksums:
-            body, text, stuck = checksum.checked(line)
-            if body is None:
-                self._refuse(packet, text, stuck)
-                return
-            packet.line = body
-        handler = self.commands.get(name)
-        if handler is None:
-            self._unknown(packet)
-            return
-        steps = handler(self, packet)
-        if steps is None:
-            self._finish(packet)
-        else:
-            self._go_on(packet, steps, self.now)
-
-    def _refuse(self, packet: Packet, text: bytes, stuck: int | None) -> None:
-        end = b"\n" if self.syntax.future else b"\r\n"
-        one_error = self.firmware.one_error
-        lead = packet.name + b"," if self.syntax.future and one_error else b""
-        self._send(lead + checksum.report(text, stuck, one_error=one_error, line_end=end))
-
-    def _unknown(self, packet: Packet) -> None:
-        name = packet.name
-        text = b"!8 Err: Unknown command '%s:%s'" % (name, name.hex().upper().encode())
-        if self.firmware.one_error:
-            packet.echo()
-            packet.say(text)
-            packet.at = len(packet.line)
-        else:
-            packet.out += text + (b"\n" if self.syntax.future else b"\r\n")
-        self._finish(packet)
-
-    def _go_on(self, packet: Packet, steps: Handling, since: int) -> None:
-        """Run a handler until it has to wait or is done."""
-        for wanted in steps:
-            if not self._granted(wanted, packet):
-                self._handling = _Handling(packet, steps, wanted, since)
-                return
-        self._handling = None
-        self._finish(packet)
-
-    def _granted(self, wanted: QueueEntry | Wait, packet: Packet) -> bool:
-        if wanted is Wait.IDLE:
-            return self.motion.idle
-        if self.discard_moves:
-            return True
-        if isinstance(wanted, StepperMove) and self.limit_triggered:
-            if self.firmware.version == "3.0.0" and wanted.command in ("LM", "L3", "LT", "T3"):
-                packet.mute = True
-            return True
-        if self.motion.full:
-            return False
-        assert not isinstance(wanted, Wait)
-        self.recorder.queued(self.now, wanted, self.motion.waiting_ticks(self.now), self.motion.idle)
-        self.motion.push(wanted, self.now)
-        return True
-
-    def _resume(self) -> None:
-        handling = self._handling
-        assert handling is not None
-        if self._granted(handling.waiting, handling.packet):
-            if not isinstance(handling.waiting, Wait):
-                self.recorder.parser_was_blocked(handling.since, self.now)
-            self._handling = None
-            self._go_on(handling.packet, handling.steps, self.now)
-
-    def _finish(self, packet: Packet) -> None:
-        self._send(packet.finish())
-        if self.limit_reply_due:
+    def command_was_handled(self) -> None:
+        """A reply has gone out; 3.0.3 tells of a limit switch only now."""
+        if self.limit.reply_due:
             self._send_limit_reply()
 
     # ---- what happens as the queue runs
@@ -350,7 +215,7 @@ class Board:
             self.restart_stepper_timeout()
 
     def _ran(self, running: Running, ticks: int) -> None:
-        self.recorder.ran(running, ticks, moving=self.supply_on and all(self.motors_on))
+        self.recorder.ran(running, ticks, moving=self.supply.on and all(self.motors_on))
 
     def _move_pen(self, entry: PenMove, tick: int) -> None:
         if entry.rp_pin != PEN_RP_PIN:
@@ -407,8 +272,7 @@ class Board:
         self.set_motors(first, second)
         self.microstep = _MICROSTEPS.get(entry.motor1, self.microstep)
         self.clear_counters()
-        self.limit_triggered = False
-        self.limit_reply_due = False
+        self.limit.clear()
         self.check_limit_switch()
 
     def clear_counters(self) -> None:
@@ -439,7 +303,7 @@ class Board:
             "idle": self.motion.idle,
             "queued": len(self.motion.entries),
             "queue_depth": self.motion.depth,
-            "supply_on": self.supply_on,
+            "supply_on": self.supply.on,
             "future_syntax": self.syntax.future,
             "variables": list(self.variables),
         }
@@ -455,7 +319,7 @@ class Board:
 
     def status_byte(self) -> int:
         """The bits of QG."""
-        self._scan_supply()
+        self.supply.scan(self.now)
         remaining = self.motion.remaining(self.now)
         bits = (
             bool(self.motion.entries)
@@ -466,39 +330,34 @@ class Board:
             | self.button_pressed << 5
         )
         if self.firmware.since(3, 0, 0):
-            return bits | self.power_lost << 6 | self.limit_triggered << 7
+            return bits | self.supply.lost << 6 | self.limit.triggered << 7
         port_b = self.pins.read("B")
         return bits | (port_b >> 2 & 1) << 6 | (port_b >> 5 & 1) << 7
 
     def status_was_read(self) -> None:
         """QG clears the button and the power flag; the limit flag stays."""
         self.button_pressed = False
-        self.power_lost = False
+        self.supply.lost = False
 
     def adc(self, channel: int) -> int:
         """The reading of an analog channel: 0 is the motor current's setting, 11 is V+."""
         if channel == 11:
-            return SUPPLY_ADC if self.supply_on else 0
+            return self.supply.adc
         return CURRENT_ADC if channel == 0 else 0
 
-    def _scan_supply(self) -> None:
-        """Take into account the scans of V+ since the last look."""
-        if self.now // ADC_SCAN_TICKS > self._scanned_to // ADC_SCAN_TICKS and self.adc(11) < self.power_threshold:
-            self.power_lost = True
-        self._scanned_to = self.now
-
     def set_power_threshold(self, value: int) -> None:
-        self._scan_supply()
-        self.power_threshold = value
+        """CU,60."""
+        self.supply.scan(self.now)
+        self.supply.threshold = value
 
     # ---- the world outside
 
     def switch_supply(self, on: bool) -> None:
         """The barrel jack: without it commands are taken and counted, and nothing moves."""
-        self._scan_supply()
-        if on != self.supply_on:
+        self.supply.scan(self.now)
+        if on != self.supply.on:
             self.motion.split(self.now)
-            self.supply_on = on
+            self.supply.on = on
 
     def press_button(self) -> None:
         """PRG, or B0 pulled low while that is enabled."""
@@ -513,27 +372,26 @@ class Board:
 
     def set_limit_mask(self, mask: int) -> None:
         """CU,51; a mask of 0 clears the stop."""
-        self.limit_mask = mask
+        self.limit.mask = mask
         if mask == 0:
-            self.limit_triggered = False
-            self.limit_reply_due = False
+            self.limit.clear()
         self.check_limit_switch()
 
     def check_limit_switch(self) -> None:
-        """The stop comes when any masked pin of port B equals its target bit."""
+        """Stop if a switch has closed; the board looks at its pins every tick."""
         port_b = self.pins.read("B")
-        if self.limit_triggered or not ~(port_b ^ self.limit_target) & self.limit_mask:
+        if self.limit.triggered or not self.limit.closed(port_b):
             return
-        self.limit_triggered = True
-        self.limit_port_b = port_b
+        self.limit.triggered = True
+        self.limit.port_b = port_b
         self.motion.abort(self.now)
         self.recorder.stopped(self.now)
-        if self.limit_replies:
-            self.limit_reply_due = True
+        if self.limit.replies:
+            self.limit.reply_due = True
             if not self.firmware.one_error:
                 self._send_limit_reply()
 
     def _send_limit_reply(self) -> None:
-        self.limit_reply_due = False
+        self.limit.reply_due = False
         end = b"\n" if self.syntax.future else b"\r\n"
-        self._send(b"Limit switch triggered. PortB=%02X" % self.limit_port_b + end)
+        self.send(b"Limit switch triggered. PortB=%02X" % self.limit.port_b + end)

@@ -34,7 +34,7 @@ class Command:
 
 _V3: Version = (3, 0, 0)
 
-_TABLE: dict[bytes, Command] = {
+COMMANDS: dict[bytes, Command] = {
     b"A": Command(query.a),
     b"AC": Command(setting.ac),
     b"BL": Command(setting.bl),
@@ -97,6 +97,6 @@ def commands_of(firmware: Firmware) -> dict[bytes, Handler]:
     """The handlers of the commands that this firmware has, by upper-case name."""
     return {
         name: command.older if command.older is not None and firmware.number < _V3 else command.handler
-        for name, command in _TABLE.items()
+        for name, command in COMMANDS.items()
         if command.since <= firmware.number < command.until
     }

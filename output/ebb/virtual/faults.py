@@ -227,7 +227,7 @@ class FaultScript:
                 return [Outcome(note=name, hang_up=True, back_after_ticks=self._ticks(fault, "after", 1.0))]
             return [note]
         if name == "slow":
-            board.parse_factor = float(given.get("factor", 10.0))
+            board.parser.factor = float(given.get("factor", 10.0))
             self._undo(fault, board, "slow", 1.0)
         elif name == "power":
             on = bool(given.get("on", False))
@@ -245,7 +245,7 @@ class FaultScript:
     @staticmethod
     def _later(name: str, value: Any, board: Board) -> None:
         if name == "slow":
-            board.parse_factor = value
+            board.parser.factor = value
         else:
             board.switch_supply(value)
 

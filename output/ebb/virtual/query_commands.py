@@ -119,12 +119,12 @@ def qu(board: Board, p: Packet) -> None:
         return
     _, acc = board.motion.state(board.now)
     values = {
-        1: b"%02X" % board.limit_port_b,
+        1: b"%02X" % board.limit.port_b,
         2: b"%d" % board.firmware.max_queue,
         3: b"%d" % board.motion.depth,
         4: b"%X" % board.stack_high_water,
         5: b"%X" % board.stack_high_water,
-        60: b"%d" % board.power_threshold,
+        60: b"%d" % board.supply.threshold,
         61: b"%d" % board.stepper_timeout_s,
         200: b"%d,%d" % (acc[0], acc[1]),
     }

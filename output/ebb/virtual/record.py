@@ -109,7 +109,7 @@ class Recorder:
         if change is not None and change > tick:
             self.touch_changes.append((change, not touching))
 
-    def queued(self, _tick: int, entry: QueueEntry, lead_ticks: int, idle: bool) -> None:
+    def queued(self, entry: QueueEntry, lead_ticks: int, idle: bool) -> None:
         self.queue_pushes += 1
         if not isinstance(entry, StepperMove):
             return

@@ -54,7 +54,7 @@ def _set_option(board: Board, p: Packet, number: int, value: int) -> bool:
         elif number == 256:
             board.discard_moves = on
         elif number == 53:
-            board.limit_replies = on
+            board.limit.replies = on
         elif number == 54:
             board.checksums = on
         return True
@@ -66,7 +66,7 @@ def _set_option(board: Board, p: Packet, number: int, value: int) -> bool:
         if number == 51:
             board.set_limit_mask(value)
         else:
-            board.limit_target = value
+            board.limit.target = value
             board.check_limit_switch()
         return True
     if number == 60:
