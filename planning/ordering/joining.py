@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from planning.geometry.stroke import Mask, Stroke
 from planning.ordering.junctions import junctions, pair_ends, pair_near, trails
 from planning.ordering.metric import Array
+from planning.ordering.quick import is_closed, is_dot
 
 # A join is smooth when it turns hardly more than the curve does on either side of it, and never when it turns more than this.
 SHARPEST_SMOOTH_TURN = np.radians(30)
@@ -23,7 +25,7 @@ def join_strokes(strokes: Sequence[Stroke], tolerance_mm: float) -> list[Stroke]
     comes back to its start within the tolerance is closed, unless it is hardly longer than the tolerance itself. Dots stay
     as they are.
     """
-    lines = [k for k, stroke in enumerate(strokes) if not stroke.is_dot]
+    lines = [k for k, stroke in enumerate(strokes) if not is_dot(stroke)]
     if tolerance_mm < 0 or not lines:
         return list(strokes)
     ends_mm = np.array([strokes[k].points_mm[[0, -1]] for k in lines]).reshape(-1, 2)
@@ -35,16 +37,38 @@ def join_strokes(strokes: Sequence[Stroke], tolerance_mm: float) -> list[Stroke]
     for trail in trails(mate):
         parts = [strokes[lines[node >> 1]] if node % 2 == 0 else strokes[lines[node >> 1]].reversed() for node in trail]
         joined[min(lines[node >> 1] for node in trail)] = chain(parts, closed=bool(mate[trail[0]] != -1))
-    dots = {k: stroke for k, stroke in enumerate(strokes) if stroke.is_dot}
+    dots = {k: stroke for k, stroke in enumerate(strokes) if is_dot(stroke)}
     return [stroke for _, stroke in sorted((joined | dots).items(), key=lambda item: item[0])]
 
 
-def _tangents(points_mm: Array) -> tuple[Array, Array]:
+def join_in_turn(strokes: Sequence[Stroke], tolerance_mm: float) -> list[Stroke]:
+    """Strokes of one colour in their own order and directions; one that begins where the last ended goes on from it."""
+    runs: list[list[Stroke]] = []
+    for stroke in strokes:
+        gap = np.inf if not runs else _gap_mm(runs[-1][-1], stroke)
+        if gap <= tolerance_mm and not is_dot(stroke) and not is_dot(runs[-1][-1]):
+            runs[-1].append(stroke)
+        else:
+            runs.append([stroke])
+    return [chain(run, closed=False) for run in runs]
+
+
+def _gap_mm(left: Stroke, entered: Stroke) -> float:
+    (x0, y0), (x1, y1) = left.points_mm[-1].tolist(), entered.points_mm[0].tolist()
+    return math.hypot(x1 - x0, y1 - y0)
+
+
+def _tangents(points_mm: Array) -> tuple[tuple[float, float], tuple[float, float]]:
     """Unit vectors from a stroke's first and last point into it; points that coincide with the end are passed over."""
-    if len(points_mm) > 2 and ((points_mm[0] == points_mm[1]).all() or (points_mm[-1] == points_mm[-2]).all()):
+    if len(points_mm) == 2:
+        (x0, y0), (x1, y1) = points_mm.tolist()
+        length = math.hypot(x1 - x0, y1 - y0)
+        return ((x1 - x0) / length, (y1 - y0) / length), ((x0 - x1) / length, (y0 - y1) / length)
+    if (points_mm[0] == points_mm[1]).all() or (points_mm[-1] == points_mm[-2]).all():
         points_mm = points_mm[np.r_[True, (np.diff(points_mm, axis=0) != 0).any(axis=1)]]
     first, last = points_mm[1] - points_mm[0], points_mm[-2] - points_mm[-1]
-    return first / np.hypot(first[0], first[1]), last / np.hypot(last[0], last[1])
+    (a, b), (c, d) = (first / np.hypot(*first)).tolist(), (last / np.hypot(*last)).tolist()
+    return (a, b), (c, d)
 
 
 def _open_specks(mate: NDArray[np.int64], strokes: Sequence[Stroke], tolerance_mm: float) -> None:
@@ -61,7 +85,7 @@ def chain(parts: Sequence[Stroke], *, closed: bool) -> Stroke:
     A join is a corner unless the tangents match. Where no part knows its corners, neither does the whole; where some do, the
     vertices of the others count as corners, which keeps them exact.
     """
-    if len(parts) == 1 and (not closed or parts[0].is_closed):
+    if len(parts) == 1 and (not closed or is_closed(parts[0])):
         return parts[0]
     known = any(part.corners is not None for part in parts)
     points = [parts[0].points_mm]

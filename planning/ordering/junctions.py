@@ -8,6 +8,7 @@ in a circle is spliced into whatever passes through one of its junctions.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
@@ -78,8 +79,14 @@ def pair_ends(junction: Ints, tangents: Array, through: Ints | None = None) -> I
     fixes pairs beforehand (-1 where free). The number of trails that remain is the least there is.
     """
     mate = np.full(len(junction), -1, dtype=np.int64) if through is None else through.copy()
+    into = tangents.tolist()
     for node in _members(junction, mate == -1):
-        _pair_straight(node, tangents, mate)
+        if len(node) == 2:
+            mate[node] = node[::-1]
+        elif len(node) <= 6:
+            _take_pairs(sorted(_bends(node, into)), mate)
+        else:
+            _pair_many(np.array(node), tangents, mate)
     _splice_rings(junction, tangents, mate)
     return mate
 
@@ -94,28 +101,36 @@ def _members(junction: Ints, allowed: NDArray[np.bool_]) -> list[list[int]]:
     return [ends[a:b] for a, b in pairwise(bounds) if b - a > 1]
 
 
-def _pair_straight(node: list[int], tangents: Array, mate: Ints) -> None:
-    """Pair the ends of one junction, the straightest first; a stroke is closed on itself only when nothing else is left."""
-    if len(node) == 2:
-        a, b = node
-        mate[a], mate[b] = b, a
-        return
+def _bends(node: list[int], into: list[list[float]]) -> list[tuple[float, int, int]]:
+    """All pairs of a junction's ends and how far each bends. A stroke is closed on itself only as a last choice."""
+    return [
+        (into[a][0] * into[b][0] + into[a][1] * into[b][1] + 4.0 * (a ^ 1 == b), a, b)
+        for k, a in enumerate(node)
+        for b in node[k + 1 :]
+    ]
+
+
+def _pair_many(node: Ints, tangents: Array, mate: Ints) -> None:
+    """`_bends` for many ends. In a large star, opposite in angle is straight on, without looking at every pair."""
     into = tangents[node]
-    if len(node) > 64:  # a star: opposite in angle is straight on, without looking at every pair
-        turned = np.argsort(np.arctan2(into[:, 1], into[:, 0]), kind="stable").tolist()
+    if len(node) > 64:
+        turned = node[np.argsort(np.arctan2(into[:, 1], into[:, 0]), kind="stable")]
         half = len(node) // 2
-        pairs = [(turned[k], turned[k + half]) for k in range(half)]
+        row, column = turned[:half], turned[half : 2 * half]
+        bend = np.zeros(half)
     else:
-        row, column = np.triu_indices(len(node), 1)
-        ends = np.array(node)
-        bend = (into @ into.T)[row, column] + 4.0 * (ends[row] ^ 1 == ends[column])
-        best = np.argsort(bend, kind="stable")
-        pairs = list(zip(row[best].tolist(), column[best].tolist(), strict=True))
-    used = [False] * len(node)
-    for a, b in pairs:
-        if not used[a] and not used[b]:
-            used[a] = used[b] = True
-            mate[node[a]], mate[node[b]] = node[b], node[a]
+        a, b = np.triu_indices(len(node), 1)
+        row, column = node[a], node[b]
+        bend = (into @ into.T)[a, b] + 4.0 * (row ^ 1 == column)
+    best = np.argsort(bend, kind="stable")
+    _take_pairs(zip(bend[best].tolist(), row[best].tolist(), column[best].tolist(), strict=True), mate)
+
+
+def _take_pairs(pairs: Iterable[tuple[float, int, int]], mate: Ints) -> None:
+    """Pair the ends in this order, each once. Changes `mate`."""
+    for _, a, b in pairs:
+        if mate[a] == -1 and mate[b] == -1:
+            mate[a], mate[b] = b, a
 
 
 def trails(mate: Ints) -> list[list[int]]:

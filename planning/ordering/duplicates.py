@@ -1,0 +1,219 @@
+"""Lines that lie on each other are drawn once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from planning.geometry.stroke import Stroke
+from planning.ordering.metric import Array
+from planning.ordering.quick import is_dot
+
+# Two lines nearer than this over their common length are one line: less than half a motor step of 0.0125 mm.
+SAME_LINE_MM = 0.005
+
+# A segment longer than this stands in the index in pieces; all segments together in at most so many.
+LONGEST_ENTRY_MM = 5.0
+MOST_PIECES = 500_000
+# Vertices looked up at a time: bounds the memory.
+QUERY = 50_000
+
+Interval = tuple[float, float]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Segments:
+    """All segments of positive length: from `a` to `b` (n, 2); which stroke and which of its segments each is."""
+
+    a: Array
+    b: Array
+    stroke: Ints
+    place: Ints
+
+    @property
+    def length(self) -> Array:
+        return np.asarray(np.hypot(*(self.b - self.a).T))
+
+
+def draw_once(strokes: Sequence[Stroke]) -> list[Stroke]:
+    """The strokes without the parts that an earlier one, or an earlier part of the same one, has drawn already.
+
+    A part counts as drawn when it lies within SAME_LINE_MM of a segment that stays. What is left of a stroke may be several
+    pieces; they stand where it stood. Strokes that lose nothing come back as they are. About n log n for n segments.
+    """
+    kept = _without_equal_dots(strokes)
+    segments = _segments(strokes, kept)
+    if len(segments.a) == 0:
+        return [strokes[k] for k in kept]
+    left = _first_of_equals(segments)
+    left.update(_uncovered(segments, left))
+    by_stroke: dict[int, dict[int, list[Interval]]] = {}
+    for k, intervals in left.items():
+        by_stroke.setdefault(int(segments.stroke[k]), {})[int(segments.place[k])] = intervals
+    result = []
+    for number in kept:
+        result.extend(_pieces(strokes[number], by_stroke[number]) if number in by_stroke else [strokes[number]])
+    return result
+
+
+def _without_equal_dots(strokes: Sequence[Stroke]) -> list[int]:
+    """Numbers of the strokes, without the dots that repeat another."""
+    seen: set[tuple[float, float]] = set()
+    kept = []
+    for number, stroke in enumerate(strokes):
+        if is_dot(stroke):
+            x, y = stroke.points_mm[0].tolist()
+            if (x, y) in seen:
+                continue
+            seen.add((x, y))
+        kept.append(number)
+    return kept
+
+
+def _segments(strokes: Sequence[Stroke], numbers: Sequence[int]) -> _Segments:
+    lines = [k for k in numbers if len(strokes[k].points_mm) > 1]
+    if not lines:
+        none = np.zeros(0, dtype=np.int64)
+        return _Segments(np.zeros((0, 2)), np.zeros((0, 2)), none, none)
+    sizes = np.array([len(strokes[k].points_mm) for k in lines])
+    points = np.concatenate([strokes[k].points_mm for k in lines])
+    stroke = np.repeat(np.array(lines, dtype=np.int64), sizes)[:-1]
+    place = (np.arange(len(points)) - np.repeat(np.cumsum(sizes) - sizes, sizes))[:-1]
+    real = (stroke == np.repeat(np.array(lines), sizes)[1:]) & (points[:-1] != points[1:]).any(axis=1)
+    return _Segments(points[:-1][real], points[1:][real], stroke[real], place[real])
+
+
+def _first_of_equals(segments: _Segments) -> dict[int, list[Interval]]:
+    """Nothing is left of a segment that has the very ends of an earlier one, in either direction."""
+    a, b = segments.a + 0.0, segments.b + 0.0
+    turned = (a[:, 0] > b[:, 0]) | ((a[:, 0] == b[:, 0]) & (a[:, 1] > b[:, 1]))
+    ends = np.where(turned[:, None], np.concatenate((b, a), axis=1), np.concatenate((a, b), axis=1))
+    order = np.lexsort((np.arange(len(ends)), *ends.T))
+    same = (ends[order[1:]] == ends[order[:-1]]).all(axis=1)
+    return {k: [] for k in order[1:][same].tolist()}
+
+
+def _uncovered(segments: _Segments, gone: dict[int, list[Interval]]) -> dict[int, list[Interval]]:
+    """What is left, as fractions of its length, of each segment that earlier ones cover in part or whole."""
+    present = np.setdiff1d(np.arange(len(segments.a)), np.fromiter(gone, dtype=np.int64, count=len(gone)))
+    later, earlier = _overlapping(segments, present)
+    left: dict[int, list[Interval]] = {}
+    for s, t in zip(later.tolist(), earlier.tolist(), strict=True):  # by rising s: what is left of t is known by now
+        for fractions in left.get(t, [(0.0, 1.0)]):
+            ends = segments.a[t] + np.array(fractions)[:, None] * (segments.b[t] - segments.a[t])
+            covered = _covered(segments.a[s], segments.b[s], ends)
+            if covered is not None:
+                left[s] = _subtract(left.get(s, [(0.0, 1.0)]), covered)
+    sliver = SAME_LINE_MM / segments.length
+    return {s: [i for i in intervals if i[1] - i[0] > sliver[s]] for s, intervals in left.items()}
+
+
+def _overlapping(segments: _Segments, present: Ints) -> tuple[Ints, Ints]:
+    """Pairs (later, earlier) of segments with a common stretch, by rising later. One of such two always ends on the other."""
+    a, b = segments.a[present], segments.b[present]
+    tree, owner = _index(a, b)
+    # Each vertex is asked for once: for the segment that begins there and, where one ends in the same vertex, for that one too.
+    chained = np.append((b[:-1] == a[1:]).all(axis=1), False)
+    vertex_mm = np.concatenate((a, b[~chained]))
+    begins = np.concatenate((np.arange(len(a)), np.flatnonzero(~chained)))
+    found = [np.zeros((0, 2), dtype=np.int64)]
+    for low in range(0, len(vertex_mm), QUERY):
+        asked = shapely.points(vertex_mm[low : low + QUERY])
+        of, on = tree.query(asked, predicate="dwithin", distance=SAME_LINE_MM)
+        at, on = begins[low + of], owner[on]
+        also = (low + of < len(a)) & (at > 0) & chained[at - 1]
+        pairs = np.stack((np.concatenate((at, at[also] - 1)), np.concatenate((on, on[also]))), axis=1)
+        pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
+        found.append(pairs[_have_common(a, b, pairs[:, 1], pairs[:, 0])])
+    pairs = np.unique(np.concatenate(found), axis=0)
+    pairs = pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))]
+    return present[pairs[:, 1]], present[pairs[:, 0]]
+
+
+def _index(a: Array, b: Array) -> tuple[shapely.STRtree, Ints]:
+    """A spatial index of the segments from a to b, and which segment each of its entries is of.
+
+    Long ones are entered in pieces: the boxes of long slanting hatches would all lie over each other.
+    """
+    length = np.hypot(*(b - a).T)
+    piece_mm = max(LONGEST_ENTRY_MM, float(length.sum()) / MOST_PIECES)
+    count = np.maximum(np.ceil(length / piece_mm), 1).astype(np.int64)
+    owner = np.repeat(np.arange(len(a)), count)
+    nth = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    span = ((b - a) / count[:, None])[owner]
+    head = a[owner] + nth[:, None] * span
+    return shapely.STRtree(shapely.linestrings(np.stack((head, head + span), axis=1))), owner
+
+
+def _have_common(a: Array, b: Array, s: Ints, t: Ints) -> NDArray[np.bool_]:
+    """Whether segments s and t (k,) may run along each other for more than a point; `_covered` decides."""
+    along_s, along_t = b[s] - a[s], b[t] - a[t]
+    length_s, length_t = np.hypot(*along_s.T), np.hypot(*along_t.T)
+    cross = np.abs(along_s[:, 0] * along_t[:, 1] - along_s[:, 1] * along_t[:, 0])
+    parallel = cross <= 4 * SAME_LINE_MM * np.maximum(length_s, length_t)
+    reach = np.stack([((end - a[s]) * along_s).sum(axis=1) / length_s for end in (a[t], b[t])])
+    common = np.minimum(reach.max(axis=0), length_s) - np.maximum(reach.min(axis=0), 0.0)
+    return np.asarray(parallel & (common > SAME_LINE_MM))
+
+
+def _covered(a: Array, b: Array, other: Array) -> Interval | None:
+    """The part of the segment from a to b that lies along the segment `other` (2, 2), as fractions, or None."""
+    span = b - a
+    length = float(np.hypot(span[0], span[1]))
+    along = span / length
+    reach = (other - a) @ along
+    aside = (other - a) @ np.array([-along[1], along[0]])
+    if reach[0] > reach[1]:
+        reach, aside = reach[::-1], aside[::-1]
+    low, high = max(0.0, float(reach[0])), min(length, float(reach[1]))
+    if high - low <= SAME_LINE_MM:
+        return None
+    if np.abs(np.interp((low, high), reach, aside)).max() > SAME_LINE_MM:
+        return None
+    return low / length, high / length
+
+
+def _subtract(intervals: list[Interval], hole: Interval) -> list[Interval]:
+    left = []
+    for low, high in intervals:
+        if low < min(high, hole[0]):
+            left.append((low, min(high, hole[0])))
+        if max(low, hole[1]) < high:
+            left.append((max(low, hole[1]), high))
+    return left
+
+
+def _pieces(stroke: Stroke, left: dict[int, list[Interval]]) -> list[Stroke]:
+    """What remains of a stroke, in its own order and direction; `left` names the segments that are not whole."""
+    points, corners = stroke.points_mm, stroke.corners
+    pieces: list[Stroke] = []
+    run: list[Array] = []
+    marks: list[bool] = []
+
+    def finish() -> None:
+        if len(run) > 1:
+            known = None if corners is None else np.array([True, *marks[1:-1], True])
+            pieces.append(Stroke(np.array(run), known, stroke.color))
+        run.clear()
+        marks.clear()
+
+    for k in range(len(points) - 1):
+        for low, high in left.get(k, [(0.0, 1.0)]):
+            if low > 0.0:
+                finish()
+            if not run:
+                run.append(points[k] + low * (points[k + 1] - points[k]))
+                marks.append(True)
+            run.append(points[k + 1] if high == 1.0 else points[k] + high * (points[k + 1] - points[k]))
+            marks.append(high < 1.0 or corners is None or bool(corners[k + 1]))
+            if high < 1.0:
+                finish()
+        if left.get(k) == []:
+            finish()
+    finish()
+    return pieces
