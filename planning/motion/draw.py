@@ -13,11 +13,12 @@ import numpy as np
 
 from planning.errors import ImpossiblePlan
 from planning.geometry.stroke import Stroke
+from planning.motion.deviation import deviation
 from planning.motion.limits import Kinematics, Limits
 from planning.motion.path import Array, Ints, Mask, path_set, thinned, thinning_mm
 from planning.motion.plan import TICK_S, Motion, still
 from planning.motion.travel import straight
-from planning.motion.tube import Fit, Section, Tuning, deviation, fit_sections, knot_spacing_s
+from planning.motion.tube import Fit, Section, Tuning, fit_sections, knot_spacing_s
 
 # A longer stroke is planned in windows: memory and work then grow with the window.
 WINDOW_VERTICES = 1500
@@ -155,19 +156,19 @@ def _windowed(work: _Work, limits: Limits, kinematics: Kinematics) -> Motion:
             vertices *= 2
             continue
         if final:
-            fits.append(fit.upto(len(fit.ticks), along[start]))
+            fits.append(fit.moved(float(along[start])))
             break
         cut = _cut(fit, ahead, limits)
         if cut is None:
             vertices *= 2
             continue
-        fits.append(fit.upto(cut, along[start]))
+        fits.append(fit.between(0, cut).moved(float(along[start])))
         state = np.stack((fit.position_mm[cut], fit.velocity_mm_s[cut], fit.acceleration_mm_s2[cut]))
         at_mm = float(fit.along_mm[cut] + along[start])
         start = max(0, int(np.searchsorted(along, at_mm - context, side="right")) - 1)
         vertices = WINDOW_VERTICES
     motion = _motion_of(fits, points)
-    return motion if _verified(motion, work, limits, fits, along) else _legs(points, limits, kinematics)
+    return motion if _verified(motion, work, limits, fits) else _legs(points, limits, kinematics)
 
 
 def _cut(fit: Fit, ahead_s: float, limits: Limits) -> int | None:
@@ -181,12 +182,12 @@ def _cut(fit: Fit, ahead_s: float, limits: Limits) -> int | None:
     return int(choice[np.argmin(acceleration)])
 
 
-def _verified(motion: Motion, work: _Work, limits: Limits, fits: Sequence[Fit], along: Array) -> bool:
-    """The whole of a windowed stroke against its path, both ways; in slices, so that memory stays small."""
+def _verified(motion: Motion, work: _Work, limits: Limits, fits: Sequence[Fit]) -> bool:
+    """The whole of a windowed stroke against its path, both ways."""
     paths = path_set([work.points], [work.corners], limits.tolerance_mm)
+    pieces = (motion.position_mm, motion.velocity_mm_s, motion.acceleration_mm_s2, motion.jerk_mm_s3)
     guess = np.concatenate([f.along_mm[:-1] for f in fits])
-    miss, _ = deviation(
-        paths, motion.position_mm, motion.velocity_mm_s, motion.acceleration_mm_s2, motion.jerk_mm_s3, motion.duration_s,
-        np.zeros(len(motion), dtype=np.int64), guess, np.zeros(1),
-    )  # fmt: skip
-    return bool(miss.max() <= limits.tolerance_mm - work.slack_mm) and len(along) > 1
+    span = (np.zeros(1, dtype=np.int64), np.zeros(1), paths.s_mm[-1:], motion.end_mm[None, :])
+    block = np.zeros(len(motion), dtype=np.int64)
+    miss, _ = deviation(paths, pieces, motion.duration_s, block, span, guess, 0.8 * limits.tolerance_mm)
+    return bool(miss.max() <= limits.tolerance_mm - work.slack_mm)

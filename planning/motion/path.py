@@ -146,36 +146,3 @@ def path_set(points: Sequence[Array], corners: Sequence[Mask | None], tolerance_
     curvature = np.where(sharp | end, 0.0, 2.0 * np.abs(turn) / (before + after))
     return PathSet(point, s, path, first, last, turn, sharp, length, tangent_in, tangent_out,
                    length * (cross_in + cross_out) / 8.0, curvature)  # fmt: skip
-
-
-def distance_to_path(paths: PathSet, at_mm: Array, path: Ints, s_guess_mm: Array) -> tuple[Array, Array]:
-    """Distance of points (m, 2) to their path's polyline near `s_guess_mm`, and the s of the nearest point found.
-
-    Walks along the segments from the guess while that gets nearer; so the distance is never too small.
-    """
-    low, high = paths.first[path], paths.last[path] - 1
-    segment = paths.segment(s_guess_mm, path)
-    best = np.full(len(at_mm), np.inf)
-    best_s = s_guess_mm.copy()
-    active = np.arange(len(at_mm))
-    for reach in (2, 2, 3, 4, 6, 8):
-        here = segment[active]
-        moved = np.zeros(len(active), dtype=np.bool_)
-        centre = here.copy()
-        for step in range(-reach, reach + 1):
-            i = np.clip(centre + step, low[active], high[active])
-            chord = paths.point_mm[i + 1] - paths.point_mm[i]
-            offset = at_mm[active] - paths.point_mm[i]
-            x = np.clip((offset * chord).sum(axis=1) / (paths.length_mm[i] ** 2), 0.0, 1.0)
-            rest = offset - x[:, None] * chord
-            distance = np.hypot(rest[:, 0], rest[:, 1])
-            nearer = distance < best[active] - 1e-12
-            best[active[nearer]] = distance[nearer]
-            best_s[active[nearer]] = (paths.s_mm[i] + x * paths.length_mm[i])[nearer]
-            here[nearer] = i[nearer]
-            moved |= nearer & (i != centre)
-        segment[active] = here
-        active = active[moved]
-        if not len(active):
-            break
-    return best, best_s

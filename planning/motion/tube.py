@@ -11,14 +11,15 @@ other.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from planning.motion import banded, spline
+from planning.motion.deviation import deviation
 from planning.motion.limits import Kinematics, Limits
-from planning.motion.path import Array, Ints, Mask, PathSet, distance_to_path, path_set
+from planning.motion.path import Array, Ints, Mask, PathSet, path_set
 from planning.motion.plan import TICK_S
 from planning.motion.speed import CORNER_SLOWNESS, Grid, fastest, make_grid, speed_caps
 
@@ -30,9 +31,11 @@ LEVEL, LEVEL_TOLERANCE = 0.975, 0.92
 STAGES = 24
 FIRST_ROUNDS, ROUNDS = 16, 12
 FEWEST_INTERVALS = 6
+# Patches: margin beside a bad place in units of the corner window, and rounds of slowing down before it is widened.
+PATCH_MARGIN = 2.5
+PATCH_STAGES = 6
+DROPPED = 10_000
 TANGENTIAL_WEIGHT = 0.05
-# Samples in each piece when the distance to the path is verified.
-SAMPLES = 4
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -64,10 +67,15 @@ class Fit:
     acceleration_mm_s2: Array
     along_mm: Array
 
-    def upto(self, knot: int, before_mm: float) -> Fit:
-        """The part before `knot`, with `before_mm` added to how far along it is."""
-        return Fit(self.ticks[:knot], self.position_mm[: knot + 1], self.velocity_mm_s[: knot + 1],
-                   self.acceleration_mm_s2[: knot + 1], self.along_mm[: knot + 1] + before_mm)  # fmt: skip
+    def between(self, low: int, high: int) -> Fit:
+        """The part from knot `low` to knot `high`."""
+        knots = slice(low, high + 1)
+        return Fit(self.ticks[low:high], self.position_mm[knots], self.velocity_mm_s[knots], self.acceleration_mm_s2[knots],
+                   self.along_mm[knots])  # fmt: skip
+
+    def moved(self, by_mm: float) -> Fit:
+        """The same with `by_mm` added to how far along it is."""
+        return replace(self, along_mm=self.along_mm + by_mm)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -96,10 +104,49 @@ def fit_sections(
 
 
 @dataclass(eq=False, slots=True)
-class _Rows:
-    """One stage's system: per-row arrays over the blocks still unsolved. `blocks` are their indices in the solver."""
+class _Block:
+    """One piece of work: a stretch of a path between two states. A root covers its section; patches mend the bad places of a
+    root's fit.
 
-    blocks: Ints
+    `low`, `high` are the knots of the root's draft that a patch replaces.
+    """
+
+    path: int
+    from_s: float
+    to_s: float
+    start: Array
+    end: Array
+    moving_start: bool
+    moving_end: bool
+    root: _Block | None = None
+    low: int = 0
+    high: int = 0
+    stage: int = 0
+    widened: int = 0
+    fit: Fit | None = None
+    draft: Fit | None = None
+    patches: list[_Block] = field(default_factory=list)
+    whole: bool = False
+    slow_from: int = 0
+    slow_before: Array = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Places:
+    """The planning grid of one stage's blocks; `grid.path` is the block's index, `source` the place in the solver's grid or
+
+    -1.
+    """
+
+    grid: Grid
+    slow: Array
+
+
+@dataclass(eq=False, slots=True)
+class _Rows:
+    """One stage's system: per-row arrays over the blocks still unsolved."""
+
+    blocks: list[_Block]
     lay: spline.Layout
     spacing_ticks: Ints
     s: Array
@@ -111,13 +158,22 @@ class _Rows:
     anchors: banded.Anchors
     anchor_weight: Array
     anchor_block: Ints
-    anchor_room: Array
     fixed: banded.Fixed
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Best:
+    """The best iterate of the blocks that were not taken: how far over its bounds each row is, and its states (M, 2)."""
+
+    rows: _Rows
+    over: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
 
 
 class _Solver:
     def __init__(self, sections: Sequence[Section], limits: Limits, kinematics: Kinematics, tuning: Tuning) -> None:
-        self.sections = sections
         self.limits = limits
         self.kinematics = kinematics
         self.speed = AIM_SPEED * limits.speed_mm_s
@@ -128,36 +184,20 @@ class _Solver:
         self.ramp_s = self.accel / self.jerk
         self.spacing_s = tuning.spacing_s
         self.window_s = max(self.ramp_s, 2.0 * tuning.spacing_s)
+        self.margin = int(np.ceil(PATCH_MARGIN * self.window_s / tuning.spacing_s)) + 2
         self.paths: PathSet = path_set([x.points_mm for x in sections], [x.corners for x in sections], limits.tolerance_mm)
+        paths = self.paths
         aim = Limits(self.speed * tuning.speed_share, self.accel, self.jerk, self.tolerance)
-        vertex_cap, segment_cap = speed_caps(self.paths, aim, kinematics, self.window_s)
-        self.start_s = self.paths.s_mm[self.paths.first] + np.array([x.from_mm for x in sections])
-        grid = make_grid(self.paths, vertex_cap, segment_cap, aim, self.window_s)
-        self.moving = np.array([x.state is not None for x in sections])
-        self.states = np.stack([x.state if x.state is not None else _rest_at(x.points_mm[0]) for x in sections])
-        self.end_states = np.stack([_rest_at(x.points_mm[-1]) for x in sections])
-        self.grid = self._started(grid)
+        vertex_cap, segment_cap = speed_caps(paths, aim, kinematics, self.window_s)
+        self.grid = make_grid(paths, vertex_cap, segment_cap, aim, self.window_s)
         self.slow = self._first_slowness()
-        self.results: list[Fit | None] = [None] * len(sections)
-        self.profile_speed = np.zeros(0)
-
-    def _started(self, grid: Grid) -> Grid:
-        """The grid with what lies before a section's start cut off and the start's own speed as its cap."""
-        if not self.moving.any():
-            return grid
-        s = np.concatenate((self.start_s[self.moving], grid.s_mm))
-        path = np.concatenate((np.flatnonzero(self.moving), grid.path))
-        speed = np.hypot(*self.states[self.moving, 1].T)
-        cap = np.concatenate((speed, grid.cap_mm_s))
-        curvature = np.concatenate((np.interp(self.start_s[self.moving], grid.s_mm, grid.curvature), grid.curvature))
-        new = np.zeros(len(s), dtype=np.bool_)
-        new[: int(self.moving.sum())] = True
-        keep = new | (s > self.start_s[path] + 1e-6) | ~self.moving[path]
-        order = np.argsort(s[keep], kind="stable")
-        s, path, cap, curvature = (x[keep][order] for x in (s, path, cap, curvature))
-        first = np.searchsorted(path, np.arange(len(self.sections)), side="left")
-        last = np.searchsorted(path, np.arange(len(self.sections)), side="right") - 1
-        return Grid(s, path, cap, curvature, first, last)
+        self.roots = []
+        for i, section in enumerate(sections):
+            start = section.state if section.state is not None else _rest_at(section.points_mm[0])
+            from_s = float(paths.s_mm[paths.first[i]]) + section.from_mm
+            end_s = float(paths.s_mm[paths.last[i]])
+            moving = section.state is not None
+            self.roots.append(_Block(i, from_s, end_s, start, _rest_at(section.points_mm[-1]), moving, False))
 
     def _first_slowness(self) -> Array:
         """A little slowness around corners, where it will be needed in any case, in terms of the time they take at the caps."""
@@ -177,55 +217,187 @@ class _Solver:
             slow = np.maximum(slow, np.where(same, amount[corner] * shape, 0.0))
         return slow
 
-    # --- one stage -------------------------------------------------------------------------------------------------
+    # --- stages ----------------------------------------------------------------------------------------------------
 
     def run(self) -> list[Fit | None]:
-        blocks = np.arange(len(self.sections))
+        """Level, take what keeps its bounds, slow down where the rest does not, and go on with that alone."""
+        work = list(self.roots)
         remembered: tuple[Array, Array] | None = None
-        for stage in range(STAGES):
-            rows = self._rows(blocks, remembered)
-            worst_s, worst, remembered = self._level(rows, FIRST_ROUNDS if stage == 0 else ROUNDS)
-            blocks = np.array([b for b in blocks if self.results[b] is None], dtype=np.int64)
-            if not len(blocks):
+        for stage in range(2 * STAGES):
+            if not work:
                 break
-            self._slow_down(stage, worst_s, worst, blocks)
-        return self.results
+            work.sort(key=lambda b: b.from_s)
+            rows = self._rows(work, remembered)
+            best, remembered = self._level(rows, FIRST_ROUNDS if stage == 0 else ROUNDS)
+            if best is None:
+                break
+            self._slow_down(best)
+            work = [w for i, block in enumerate(best.rows.blocks) for w in self._next(best, i, block)]
+            work = [w for w in work if w.stage < DROPPED]
+        return [self._result(root) for root in self.roots]
 
-    def _rows(self, blocks: Ints, remembered: tuple[Array, Array] | None) -> _Rows:
-        grid = self.grid if len(blocks) == len(self.sections) else _sub_grid(self.grid, blocks)
-        slow = self.slow if len(blocks) == len(self.sections) else self.slow[np.isin(self.grid.path, blocks)]
+    def _result(self, root: _Block) -> Fit | None:
+        """The root's fit, verified once more as a whole when it was mended."""
+        fit = _assembled(root)
+        if fit is not None and root.fit is None:
+            states = np.stack((fit.position_mm, fit.velocity_mm_s, fit.acceleration_mm_s2), axis=1)
+            miss, _ = self._deviation_of(states, fit.ticks, fit.along_mm, root)
+            if miss.max() > self._allowed(root.path):
+                return None
+        return None if fit is None else fit.moved(-float(self.paths.s_mm[self.paths.first[root.path]]))
+
+    def _next(self, best: _Best, i: int, block: _Block) -> list[_Block]:
+        """What to do next about a block that was not taken: itself again, patches of it, a wider patch, or nothing any more."""
+        if block.stage >= DROPPED:
+            return []
+        block.stage += 1
+        if block.root is None:
+            if block.stage >= STAGES:
+                return []
+            return self._patched(best, i, block) if block.stage >= 2 and not block.whole else [block]
+        if block.stage < PATCH_STAGES:
+            return [block]
+        if block.widened >= 2:
+            return self._whole_again(block.root)
+        return self._widened(block)
+
+    def _patched(self, best: _Best, i: int, block: _Block) -> list[_Block]:
+        """Keep the good part of this draft and cut its bad places out, each with a margin; all of it again when most of it is
+
+        bad.
+        """
+        lay = best.rows.lay
+        count = int(lay.intervals[i])
+        rows = slice(int(lay.first[i]), int(lay.first[i]) + count + 1)
+        ticks = np.full(count, best.rows.spacing_ticks[i], dtype=np.int64)
+        states = np.stack((best.position[rows], best.velocity[rows], best.acceleration[rows]), axis=1)
+        states[0], states[-1] = block.start, block.end
+        miss, along = self._deviation_of(states, ticks, best.rows.s[rows], block)
+        off = np.hypot(*(best.position[rows] - best.rows.target[rows])[:-1].T)
+        along = _trusted(along, best.rows.s[rows][:-1], off, block.from_s, block.to_s)
+        bad = best.over[rows] > 1.0
+        bad[:-1] |= miss > self._allowed(block.path)
+        wide = maximum_filter1d(bad.astype(np.int8), 2 * self.margin + 1, mode="constant") > 0
+        if wide.mean() > 0.6:
+            return [block]
+        block.draft = Fit(ticks, states[:, 0], states[:, 1], states[:, 2], np.append(along, block.to_s))
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], wide.astype(np.int8), [0]))))
+        block.slow_from, to = (int(k) for k in np.searchsorted(self.grid.s_mm, (block.from_s, block.to_s)))
+        block.slow_before = self.slow[block.slow_from : to].copy()
+        block.patches = []
+        for low, high in zip(edges[::2], edges[1::2] - 1, strict=True):
+            block.patches.append(self._patch(block, int(low), int(high), 0))
+        return list(block.patches)
+
+    def _patch(self, root: _Block, low: int, high: int, widened: int) -> _Block:
+        draft = root.draft
+        assert draft is not None
+        count = len(draft.ticks)
+        low, high = max(0, low), min(count, high)
+        if high - low < FEWEST_INTERVALS:
+            low, high = max(0, low - FEWEST_INTERVALS), min(count, high + FEWEST_INTERVALS)
+        states = np.stack((draft.position_mm, draft.velocity_mm_s, draft.acceleration_mm_s2), axis=1)
+        from_s = root.from_s if low == 0 else float(draft.along_mm[low])
+        to_s = root.to_s if high == count else float(draft.along_mm[high])
+        moving_start, moving_end = root.moving_start or low > 0, root.moving_end or high < count
+        return _Block(root.path, from_s, to_s, states[low], states[high], moving_start, moving_end, root, low, high,
+                      widened=widened)  # fmt: skip
+
+    def _widened(self, block: _Block) -> list[_Block]:
+        """A patch that could not be mended takes in more on both sides, and its neighbours with it where they meet."""
+        root = block.root
+        assert root is not None
+        low, high, widened = block.low - 3 * self.margin, block.high + 3 * self.margin, block.widened + 1
+        met = [p for p in root.patches if p is not block and p.low <= high and p.high >= low]
+        for patch in met:
+            low, high = min(low, patch.low), max(high, patch.high)
+        root.patches = [p for p in root.patches if p is not block and p not in met]
+        # What slowing down did not help is taken back.
+        here = slice(*np.searchsorted(self.grid.s_mm, (block.from_s, block.to_s)))
+        self.slow[here] = root.slow_before[here.start - root.slow_from : here.stop - root.slow_from]
+        for patch in met:
+            patch.stage = DROPPED
+        root.patches.append(self._patch(root, low, high, widened))
+        return [root.patches[-1]]
+
+    def _whole_again(self, root: _Block) -> list[_Block]:
+        """A root whose patches do not come together is done as one, as if there had been none."""
+        for patch in root.patches:
+            patch.stage = DROPPED
+        self.slow[root.slow_from : root.slow_from + len(root.slow_before)] = root.slow_before
+        root.patches, root.draft, root.whole = [], None, True
+        return [root]
+
+    def _allowed(self, path: int) -> float:
+        return float(self.limits.tolerance_mm * 0.9999 - self.slack[path])
+
+    def _deviation_of(self, states: Array, ticks: Ints, s: Array, block: _Block) -> tuple[Array, Array]:
+        h = (ticks * TICK_S).astype(np.float64)
+        jerk = np.diff(states[:, 2], axis=0) / h[:, None]
+        span = (np.array([block.path]), np.array([block.from_s]), np.array([block.to_s]), states[-1:, 0])
+        pieces = (states[:-1, 0], states[:-1, 1], states[:-1, 2], jerk)
+        return deviation(self.paths, pieces, h, np.zeros(len(h), dtype=np.int64), span, s[:-1], 0.9 * self.tolerance)
+
+    # --- one stage's system ----------------------------------------------------------------------------------------
+
+    def _places(self, blocks: list[_Block]) -> tuple[Grid, Array]:
+        """The blocks' parts of the grid with their own ends added (path is the block's index), and the slowness there."""
+        grid = self.grid
+        from_s, to_s = np.array([b.from_s for b in blocks]), np.array([b.to_s for b in blocks])
+        low = np.searchsorted(grid.s_mm, from_s + 1e-7, side="right")
+        high = np.maximum(np.searchsorted(grid.s_mm, to_s - 1e-7, side="left"), low)
+        count = high - low + 2
+        last = np.cumsum(count) - 1
+        first = last - count + 1
+        block = np.repeat(np.arange(len(blocks)), count)
+        source = np.clip(np.arange(int(count.sum())) - first[block] - 1 + low[block], 0, len(grid.s_mm) - 1)
+        s, cap, curvature, slow = grid.s_mm[source], grid.cap_mm_s[source], grid.curvature[source], self.slow[source]
+        for at, ends, states in ((first, from_s, [b.start for b in blocks]), (last, to_s, [b.end for b in blocks])):
+            s[at] = ends
+            curvature[at] = np.interp(ends, grid.s_mm, grid.curvature)
+            slow[at] = 0.0
+            cap[at] = np.hypot(*np.stack([x[1] for x in states]).T)
+        return Grid(s, block, cap, curvature, first, last), slow
+
+    def _rows(self, blocks: list[_Block], remembered: tuple[Array, Array] | None) -> _Rows:
+        grid, slow = self._places(blocks)
         factor = np.exp(-slow)
-        cap = grid.cap_mm_s * factor
-        moving_first = grid.first[self.moving[blocks]]
-        cap[moving_first] = grid.cap_mm_s[moving_first]
+        # What moves at its end cannot be slower next to it than braking allows.
+        reach = np.zeros(len(slow))
+        for at in (grid.first, grid.last):
+            away = np.abs(grid.s_mm - grid.s_mm[at][grid.path])
+            reach = np.maximum(reach, grid.cap_mm_s[at][grid.path] ** 2 - 2.0 * self.accel * away)
+        cap = np.maximum(grid.cap_mm_s * factor, np.sqrt(np.maximum(reach, 0.0)))
         speed = fastest(grid, cap, self.accel * factor * factor)
         time = _clock(grid, speed)
-        start, total = time[grid.first], time[grid.last] - time[grid.first]
-        rests = 2.0 - self.moving[blocks]
-        wanted = 1.003 * total + 0.5 * self.ramp_s * rests
+        begin, total = time[grid.first], time[grid.last] - time[grid.first]
+        rest_start = np.array([not b.moving_start for b in blocks])
+        rest_end = np.array([not b.moving_end for b in blocks])
+        wanted = 1.003 * total + 0.5 * self.ramp_s * (rest_start * 1.0 + rest_end)
         intervals, ticks = _knots(wanted, self.spacing_s)
         lay = spline.layout(np.repeat(ticks * TICK_S, intervals).astype(np.float64), intervals, self.spacing_s)
-        # At a rest the spline lags behind the profile by half the ramp; at a moving start it does not.
-        last_knot = lay.time_s[lay.first + intervals]
-        head = np.where(self.moving[blocks], 0.0, (last_knot - total) / 2.0)
-        stretch = np.where(self.moving[blocks], (last_knot - 0.5 * self.ramp_s) / np.maximum(total, 1e-9), 1.0)
-        t = np.clip((lay.time_s - head[lay.block]) / stretch[lay.block], 0.0, total[lay.block]) + start[lay.block]
+        # At a rest the spline lags behind the profile by half the ramp; at a moving end it does not.
+        duration = lay.time_s[lay.first + intervals]
+        spare = np.where(rest_start & rest_end, duration - total, 0.5 * self.ramp_s * (rest_start * 1.0 + rest_end))
+        head = np.where(rest_start, np.where(rest_end, 0.5, 1.0) * spare, 0.0)
+        stretch = (duration - spare) / np.maximum(total, 1e-9)
+        t = np.clip((lay.time_s - head[lay.block]) / stretch[lay.block], 0.0, total[lay.block]) + begin[lay.block]
         s = _place(grid, speed, time, t, lay.block)
-        path = blocks[lay.block]
+        path = np.array([b.path for b in blocks])[lay.block]
         target, tangent = self.paths.curve(s, path)
         bulge = self.paths.bulge_mm[self.paths.segment(s, path)]
         room = np.maximum(self.tolerance - bulge - self.slack[path], 0.3 * self.tolerance)
-        anchors, anchor_block, anchor_room = self._anchors(grid, time, start, head, stretch, lay, blocks)
+        anchors, anchor_block = self._anchors(blocks, grid, time - begin[grid.path], head, stretch, lay)
         if remembered is None:
             weights = np.tile(np.array([[0.0], [-2.0], [-2.0]]), (1, len(s)))
         else:
             # Weights must be mostly forgotten from stage to stage, or the levelling never settles.
             weights = 0.25 * np.stack([np.interp(s, remembered[0], w) for w in remembered[1]])
         return _Rows(blocks, lay, ticks, s, path, target, tangent, room, weights, anchors, np.full(len(anchors.row), 2.0),
-                     anchor_block, anchor_room, self._fixed(lay, blocks))  # fmt: skip
+                     anchor_block, self._fixed(lay, blocks))  # fmt: skip
 
-    def _fixed(self, lay: spline.Layout, blocks: Ints) -> banded.Fixed:
-        start, end = self.states[blocks], self.end_states[blocks]
+    def _fixed(self, lay: spline.Layout, blocks: list[_Block]) -> banded.Fixed:
+        start, end = np.stack([b.start for b in blocks]), np.stack([b.end for b in blocks])
         last = lay.first + lay.intervals
         head = spline.control_of_state(lay, lay.first, start[:, 0], start[:, 1], start[:, 2])
         tail = spline.control_of_state(lay, last, end[:, 0], end[:, 1], end[:, 2])
@@ -233,16 +405,17 @@ class _Solver:
         return banded.Fixed(rows, np.concatenate(head + tail))
 
     def _anchors(
-        self, grid: Grid, time: Array, start: Array, head: Array, stretch: Array, lay: spline.Layout, blocks: Ints
-    ) -> tuple[banded.Anchors, Ints, Array]:
+        self, blocks: list[_Block], grid: Grid, time: Array, head: Array, stretch: Array, lay: spline.Layout
+    ) -> tuple[banded.Anchors, Ints]:
         """The corners that the pen must come near at their own time: sideways, or from all sides where it nearly turns back."""
         paths = self.paths
-        local = np.full(len(self.sections), -1)
-        local[blocks] = np.arange(len(blocks))
-        corner = np.flatnonzero(paths.sharp & (local[paths.path] >= 0) & (paths.s_mm > self.start_s[paths.path] + 1e-6))
-        block = local[paths.path[corner]]
-        t = np.interp(paths.s_mm[corner], grid.s_mm, time) - start[block]
-        t = t * stretch[block] + head[block]
+        corner = np.flatnonzero(paths.sharp)
+        block = np.searchsorted([b.from_s for b in blocks], paths.s_mm[corner], side="right") - 1
+        inside = (block >= 0) & (paths.s_mm[corner] > grid.s_mm[grid.first][block] + 1e-6)
+        inside &= paths.s_mm[corner] < grid.s_mm[grid.last][block] - 1e-6
+        corner, block = corner[inside], block[inside]
+        place = np.searchsorted(grid.s_mm, paths.s_mm[corner])
+        t = time[place] * stretch[block] + head[block]
         offset = np.concatenate(([0.0], np.cumsum(lay.time_s[lay.first + lay.intervals] + 1.0)))[:-1]
         knot_time = lay.time_s + offset[lay.block]
         knot_time[~lay.is_interval] = np.inf
@@ -259,39 +432,38 @@ class _Solver:
         metric = np.stack((across[:, 0] ** 2, across[:, 0] * across[:, 1], across[:, 1] ** 2), axis=-1)
         metric[around] = (1.0, 0.0, 1.0)
         metric /= self.tolerance**2
-        found = banded.Anchors(row, spline.basis_at(lay, row, after), paths.point_mm[corner], metric)
-        return found, block, np.full(len(row), 1.0)
+        return banded.Anchors(row, spline.basis_at(lay, row, after), paths.point_mm[corner], metric), block
 
-    def _level(self, rows: _Rows, rounds: int) -> tuple[Array, Array, tuple[Array, Array]]:
-        """Reweight until every block is taken or the rounds are over. Returns s and how far over its bounds each knot is at
+    def _level(self, rows: _Rows, rounds: int) -> tuple[_Best | None, tuple[Array, Array]]:
+        """Reweight until every block is taken or the rounds are over. Returns the best iterate of those not taken, and all
 
-        best.
+        weights.
         """
-        best = np.full(len(rows.blocks), np.inf)
-        over = np.ones(len(rows.s))
+        score = np.full(len(rows.blocks), np.inf)
+        best = _Best(rows, np.ones(len(rows.s)), *(np.zeros((len(rows.s), 2)) for _ in range(3)))
         for _ in range(rounds):
             control = self._solve(rows)
-            ratio, anchor_ratio, local, states = self._ratios(rows, control)
-            score = np.maximum.reduceat(local, rows.lay.first)
-            if len(anchor_ratio):
-                np.maximum.at(score, rows.anchor_block, anchor_ratio**0.6)
-            better = score < best
-            best = np.minimum(best, score)
-            over = np.where(better[rows.lay.block], local, over)
-            ready = self._within(rows, ratio, states)
+            ratio, anchor_ratio, local, over, states = self._ratios(rows, control)
+            bad = np.add.reduceat(np.maximum(over - 1.0, 0.0), rows.lay.first)
+            ready = np.maximum.reduceat(over, rows.lay.first) <= 1.0
+            better = (bad < score) | ready
+            score = np.minimum(score, bad)
+            wish = np.where(over > 1.0, np.maximum(local, over**0.3), np.minimum(local, 1.0))
+            best = _improved(best, better[rows.lay.block], wish, states)
             done = np.zeros(len(rows.blocks), dtype=np.bool_)
             if ready.any():
-                done = self._take(rows, ready, states, over)
-            self._reweigh(rows, ratio, anchor_ratio)
+                done = self._take(rows, ready, states, best.over)
             if done.all():
-                break
+                return None, (rows.s, rows.weights)
+            self._reweigh(rows, ratio, anchor_ratio)
             if done.any():
                 keep = ~done
-                over = over[keep[rows.lay.block]]
-                best = best[keep]
+                mask = keep[rows.lay.block]
+                score = score[keep]
                 rows = _kept(rows, keep)
+                best = _Best(rows, best.over[mask], best.position[mask], best.velocity[mask], best.acceleration[mask])
         valid = rows.lay.is_knot
-        return rows.s[valid], over[valid], (rows.s[valid], rows.weights[:, valid])
+        return best, (rows.s[valid], rows.weights[:, valid])
 
     def _solve(self, rows: _Rows) -> Array:
         lay = rows.lay
@@ -305,10 +477,11 @@ class _Solver:
         metric = (lateral + difference * tx * tx, difference * tx * ty, lateral + difference * ty * ty)
         return banded.solve(lay, jerk, acceleration, metric, rows.target, rows.anchors, np.exp(rows.anchor_weight), rows.fixed)
 
-    def _ratios(self, rows: _Rows, control: Array) -> tuple[Array, Array, Array, tuple[Array, Array, Array, Array]]:
-        """Jerk, acceleration, sideways distance and speed over their aims (4, M), corners' distances, the slow-down each asks
+    def _ratios(self, rows: _Rows, control: Array) -> tuple[Array, Array, Array, Array, tuple[Array, Array, Array, Array]]:
+        """What one iterate makes of the bounds.
 
-        for.
+        Jerk, acceleration and sideways distance over their aims (3, M); corners' distances; the slow-down each row asks for
+        (M,); how far each row is over its true bounds (M,), 1 being just within; and the states there.
         """
         lay = rows.lay
         q, v, a = lay.knot_values(control)
@@ -316,87 +489,88 @@ class _Solver:
         j[:-1] = np.diff(a, axis=0) / lay.spacing_s[:-1, None]
         offset = q - rows.target
         sideways = np.abs(offset[:, 1] * rows.tangent[:, 0] - offset[:, 0] * rows.tangent[:, 1])
-        fastest_motor = np.abs(v @ self.kinematics.steps_per_mm.T).max(axis=1) / (AIM_SPEED * self.kinematics.max_step_rate)
+        motors = np.abs(v @ self.kinematics.steps_per_mm.T)
+        motor = np.maximum(motors[:, 0], motors[:, 1]) / (AIM_SPEED * self.kinematics.max_step_rate)
         ratio = np.stack((
             np.where(lay.is_interval, np.hypot(j[:, 0], j[:, 1]) / self.jerk, 0.0),
             np.where(lay.is_knot, np.hypot(a[:, 0], a[:, 1]) / self.accel, 0.0),
             np.where(lay.is_knot, sideways / rows.room, 0.0),
-            np.where(lay.is_knot, np.maximum(np.hypot(v[:, 0], v[:, 1]) / self.speed, fastest_motor), 0.0),
         ))  # fmt: skip
+        speed = np.where(lay.is_knot, np.maximum(np.hypot(v[:, 0], v[:, 1]) / self.speed, motor), 0.0)
         anchors = rows.anchors
-        at = sum(anchors.basis[k][:, None] * control[np.minimum(anchors.row + k, len(control) - 1)] for k in range(4))
+        at = sum(anchors.basis[k][:, None] * control[anchors.row + k] for k in range(4))
         miss = at - anchors.target
         xx, xy, yy = anchors.metric.T
         anchor_ratio = np.sqrt(np.maximum(0.0, xx * miss[:, 0] ** 2 + 2 * xy * miss[:, 0] * miss[:, 1] + yy * miss[:, 1] ** 2))
-        local = np.maximum(np.maximum(np.cbrt(ratio[0]), np.sqrt(ratio[1])), np.maximum(ratio[2] ** 0.6, ratio[3]))
-        if len(anchor_ratio):
-            np.maximum.at(local, anchors.row, anchor_ratio**0.6)
-        return ratio, anchor_ratio, local, (q, v, a, j)
-
-    def _within(self, rows: _Rows, ratio: Array, states: tuple[Array, Array, Array, Array]) -> Mask:
-        """The blocks whose every piece keeps the true limits on jerk, acceleration and speed, and seems to keep the
-
-        tolerance.
-        """
-        # Inside a piece speed exceeds the chord of its ends by at most |j| h^2 / 8 in each direction: add that to be sure.
-        slack = np.where(rows.lay.is_interval, np.hypot(states[3][:, 0], states[3][:, 1]), 0.0) * rows.lay.spacing_s**2 / 8.0
-        speed = ratio[3] + slack * (1.0 / self.speed)
+        local = np.maximum(np.maximum(np.cbrt(ratio[0]), np.sqrt(ratio[1])), np.maximum(ratio[2] ** 0.6, speed))
+        # Inside a piece speed exceeds that at its ends by at most |j| h^2 / 8: add that to be sure.
+        fast = np.maximum(speed, np.concatenate((speed[1:], speed[-1:])))
+        fast += ratio[0] * (self.jerk / self.speed) * lay.spacing_s**2 / 8.0
         over = np.maximum(
             np.maximum(ratio[0] * (AIM_JERK / TAKE), ratio[1] * (AIM_ACCELERATION / TAKE)),
-            np.maximum(ratio[2] * AIM_TOLERANCE, speed * (AIM_SPEED / TAKE)),
+            np.maximum(ratio[2] * AIM_TOLERANCE, fast * (AIM_SPEED / TAKE)),
         )
-        return np.asarray(np.maximum.reduceat(over, rows.lay.first) <= 1.0)
+        if len(anchor_ratio):
+            np.maximum.at(local, anchors.row, anchor_ratio**0.6)
+            np.maximum.at(over, anchors.row, anchor_ratio * AIM_TOLERANCE)
+        return ratio, anchor_ratio, local, over, (q, v, a, j)
 
     def _take(self, rows: _Rows, ready: Mask, states: tuple[Array, Array, Array, Array], over: Array) -> Mask:
-        """Verify the ready blocks' distance to their paths, both ways, and keep those that pass. Marks where the others fail
+        """Verify the ready blocks' distance to their paths, both ways, and keep those that pass. Marks where the others
 
-        in `over`.
+        fail.
         """
         lay = rows.lay
-        chosen = ready[lay.block]
-        q, v, a, j = (x[chosen & lay.is_interval] for x in states)
-        h = lay.spacing_s[chosen & lay.is_interval]
-        path = rows.path[chosen & lay.is_interval]
-        s = rows.s[chosen & lay.is_interval]
-        miss, along = deviation(self.paths, q, v, a, j, h, path, s, self.start_s)
-        source = np.flatnonzero(chosen & lay.is_interval)
-        allowed = self.limits.tolerance_mm * 0.9999 - self.slack[path]
+        source = np.flatnonzero(ready[lay.block] & lay.is_interval)
+        chosen = [b for b, r in zip(rows.blocks, ready, strict=True) if r]
+        span = (np.array([b.path for b in chosen]), np.array([b.from_s for b in chosen]), np.array([b.to_s for b in chosen]),
+                np.stack([b.end[0] for b in chosen]))  # fmt: skip
+        pieces = (states[0][source], states[1][source], states[2][source], states[3][source])
+        of = (np.cumsum(ready) - 1)[lay.block[source]]
+        miss, along = deviation(self.paths, pieces, lay.spacing_s[source], of, span, rows.s[source], 0.9 * self.tolerance)
+        allowed = self.limits.tolerance_mm * 0.9999 - self.slack[rows.path[source]]
         np.maximum.at(over, source, np.where(miss > allowed, np.maximum(1.002, (miss / self.tolerance) ** 0.6), 0.0))
         failed = np.zeros(len(rows.blocks), dtype=np.bool_)
         failed[lay.block[source[miss > allowed]]] = True
+        rows.weights[2, source[miss > allowed]] += 2.0
         done = ready & ~failed
+        off = np.hypot(*(states[0][source] - rows.target[source]).T)
         along_rows = rows.s.copy()
-        along_rows[source] = along
-        for b in np.flatnonzero(done):
-            rows_of = slice(lay.first[b], lay.first[b] + lay.intervals[b] + 1)
-            at = int(rows.blocks[b])
-            position, velocity, acceleration = states[0][rows_of].copy(), states[1][rows_of].copy(), states[2][rows_of].copy()
-            position[0], velocity[0], acceleration[0] = self.states[at]
-            position[-1], velocity[-1], acceleration[-1] = self.end_states[at]
-            ticks = np.full(lay.intervals[b], rows.spacing_ticks[b], dtype=np.int64)
-            reached = along_rows[rows_of] - self.paths.s_mm[self.paths.first[at]]
-            self.results[at] = Fit(ticks, position, velocity, acceleration, reached)
+        along_rows[source] = _trusted(along, rows.s[source], off, span[1][of], span[2][of])
+        for i in np.flatnonzero(done):
+            part = slice(lay.first[i], lay.first[i] + lay.intervals[i] + 1)
+            block = rows.blocks[i]
+            knots = np.stack((states[0][part], states[1][part], states[2][part]), axis=1)
+            knots[0], knots[-1] = block.start, block.end
+            ticks = np.full(lay.intervals[i], rows.spacing_ticks[i], dtype=np.int64)
+            block.fit = Fit(ticks, knots[:, 0], knots[:, 1], knots[:, 2], along_rows[part])
         return np.asarray(done)
 
     def _reweigh(self, rows: _Rows, ratio: Array, anchor_ratio: Array) -> None:
-        aim = np.array([[LEVEL], [LEVEL], [LEVEL_TOLERANCE]])
-        scaled = ratio[:3] / aim
+        """Lawson's step: weigh more what is over its aim, less what is under it."""
+        scaled = ratio / np.array([[LEVEL], [LEVEL], [LEVEL_TOLERANCE]])
         rows.weights += np.where(scaled > 1.0, 3.0, 0.5) * np.log(np.clip(scaled, 0.3, 3.0))
         np.clip(rows.weights, -40.0, 25.0, out=rows.weights)
         scaled = anchor_ratio / LEVEL_TOLERANCE
-        rows.anchor_weight = np.clip(
-            rows.anchor_weight + np.where(scaled > 1.0, 3.0, 0.5) * np.log(np.clip(scaled, 0.3, 3.0)), -40.0, 25.0
-        )
+        step = np.where(scaled > 1.0, 3.0, 0.5) * np.log(np.clip(scaled, 0.3, 3.0))
+        rows.anchor_weight = np.clip(rows.anchor_weight + step, -40.0, 25.0)
 
-    def _slow_down(self, stage: int, at_s: Array, over: Array, blocks: Ints) -> None:
+    def _slow_down(self, best: _Best) -> None:
+        """Slow the profile around the places that are over their bounds, more boldly the longer a block has been at it."""
+        rows = best.rows
         width = 2 * int(np.ceil(0.5 * self.window_s / self.spacing_s)) + 1
-        spread = uniform_filter1d(maximum_filter1d(np.maximum(over, 1.0), width), 3)
-        gain = 0.4 if stage < 4 else 0.64 if stage < 8 else 1.0
-        step = gain * np.log(np.maximum(spread, 1.0))
-        if stage >= 4:
-            step = np.where(spread > 1.002, np.maximum(step, 0.02 * (stage - 3)), step)
-        here = np.isin(self.grid.path, blocks)
-        self.slow[here] += np.interp(self.grid.s_mm[here], at_s, step)
+        spread = uniform_filter1d(maximum_filter1d(np.maximum(best.over, 1.0), width), 3)
+        stage = np.array([b.stage for b in rows.blocks])[rows.lay.block]
+        step = np.where(stage < 4, 0.4, np.where(stage < 8, 0.64, 1.0)) * np.log(np.maximum(spread, 1.0))
+        step = np.where((stage >= 4) & (spread > 1.002), np.maximum(step, 0.02 * (stage - 3)), step)
+        low = np.searchsorted(self.grid.s_mm, [b.from_s for b in rows.blocks], side="left")
+        high = np.searchsorted(self.grid.s_mm, [b.to_s for b in rows.blocks], side="right")
+        change = np.zeros(len(self.grid.s_mm) + 1, dtype=np.int64)
+        np.add.at(change, low, 1)
+        np.add.at(change, high, -1)
+        here = np.cumsum(change)[:-1] > 0
+        valid = rows.lay.is_knot
+        self.slow[here] += np.interp(self.grid.s_mm[here], rows.s[valid], step[valid])
 
 
 # --- helpers -----------------------------------------------------------------------------------------------------------
@@ -406,12 +580,45 @@ def _rest_at(point_mm: Array) -> Array:
     return np.stack((point_mm, np.zeros(2), np.zeros(2)))
 
 
-def _sub_grid(grid: Grid, blocks: Ints) -> Grid:
-    """The grid of some of the paths; `path` keeps its meaning, first and last follow `blocks`."""
-    mask = np.isin(grid.path, blocks)
-    counts = (grid.last - grid.first + 1)[blocks]
-    last = np.cumsum(counts) - 1
-    return Grid(grid.s_mm[mask], grid.path[mask], grid.cap_mm_s[mask], grid.curvature[mask], last - counts + 1, last)
+def _trusted(along: Array, s: Array, off_mm: Array, low: Array | float, high: Array | float) -> Array:
+    """Where knots are along the path. Where it turns back on itself or crosses, the nearest point may be on the wrong leg:
+    trust it no further than the pen is off its place."""
+    return np.asarray(np.maximum.accumulate(np.clip(np.clip(along, s - 1.2 * off_mm, s + 1.2 * off_mm), low, high)))
+
+
+def _improved(best: _Best, where: Mask, over: Array, states: tuple[Array, Array, Array, Array]) -> _Best:
+    if where.all():
+        return _Best(best.rows, over, states[0], states[1], states[2])
+    at = where[:, None]
+    return _Best(best.rows, np.where(where, over, best.over), np.where(at, states[0], best.position),
+                 np.where(at, states[1], best.velocity), np.where(at, states[2], best.acceleration))  # fmt: skip
+
+
+def _assembled(root: _Block) -> Fit | None:
+    """A root's fit: its own, or its draft with every patch put in; None when something is missing."""
+    if root.fit is not None or root.draft is None:
+        return root.fit
+    draft = root.draft
+    parts: list[Fit] = []
+    at = 0
+    for patch in sorted(root.patches, key=lambda p: p.low):
+        if patch.fit is None:
+            return None
+        parts += [draft.between(at, patch.low), patch.fit]
+        at = patch.high
+    parts.append(draft.between(at, len(draft.ticks)))
+    return joined(parts)
+
+
+def joined(parts: Sequence[Fit]) -> Fit:
+    """Fits that follow each other, as one."""
+    return Fit(
+        np.concatenate([p.ticks for p in parts]),
+        np.concatenate([p.position_mm[:-1] for p in parts] + [parts[-1].position_mm[-1:]]),
+        np.concatenate([p.velocity_mm_s[:-1] for p in parts] + [parts[-1].velocity_mm_s[-1:]]),
+        np.concatenate([p.acceleration_mm_s2[:-1] for p in parts] + [parts[-1].acceleration_mm_s2[-1:]]),
+        np.concatenate([p.along_mm[:-1] for p in parts] + [parts[-1].along_mm[-1:]]),
+    )
 
 
 def _clock(grid: Grid, speed: Array) -> Array:
@@ -463,72 +670,9 @@ def _kept(rows: _Rows, keep: Mask) -> _Rows:
     with_anchor = keep[rows.anchor_block] if len(rows.anchor_block) else np.zeros(0, dtype=np.bool_)
     fixed = mask[rows.fixed.row]
     a = rows.anchors
-    return replace(
-        rows, blocks=rows.blocks[keep], lay=small, spacing_ticks=rows.spacing_ticks[keep], s=rows.s[mask], path=rows.path[mask],
-        target=rows.target[mask], tangent=rows.tangent[mask], room=rows.room[mask], weights=rows.weights[:, mask],
-        anchors=banded.Anchors(moved[a.row[with_anchor]], a.basis[:, with_anchor], a.target[with_anchor],
-        a.metric[with_anchor]), anchor_weight=rows.anchor_weight[with_anchor],
-        anchor_block=new_block[rows.anchor_block[with_anchor]], anchor_room=rows.anchor_room[with_anchor],
-        fixed=banded.Fixed(moved[rows.fixed.row[fixed]], rows.fixed.value[fixed]),
+    anchors = banded.Anchors(moved[a.row[with_anchor]], a.basis[:, with_anchor], a.target[with_anchor], a.metric[with_anchor])
+    return _Rows(
+        [b for b, k in zip(rows.blocks, keep, strict=True) if k], small, rows.spacing_ticks[keep], rows.s[mask], rows.path[mask],
+        rows.target[mask], rows.tangent[mask], rows.room[mask], rows.weights[:, mask], anchors, rows.anchor_weight[with_anchor],
+        new_block[rows.anchor_block[with_anchor]], banded.Fixed(moved[rows.fixed.row[fixed]], rows.fixed.value[fixed]),
     )  # fmt: skip
-
-
-def deviation(
-    paths: PathSet, q: Array, v: Array, a: Array, j: Array, h: Array, path: Ints, s_guess: Array, start_s: Array
-) -> tuple[Array, Array]:
-    """How far each piece (n,) is from its path, the path's vertices from the motion included, and where along the path it
-    starts.
-
-    Never too small: what could happen between samples (|a| dt^2 / 8) is added. Pieces of one path follow each other.
-    """
-    n = len(h)
-    x = (np.arange(SAMPLES) / SAMPLES)[None, :, None]
-    t = x * h[:, None, None]
-    at = (q[:, None] + t * (v[:, None] + t * (a[:, None] / 2.0 + t * j[:, None] / 6.0))).reshape(-1, 2)
-    next_guess = np.concatenate((s_guess[1:], s_guess[-1:]))
-    same = np.concatenate((path[1:] == path[:-1], [False]))
-    next_guess = np.where(same, next_guess, s_guess)
-    guess = (s_guess[:, None] + x[..., 0] * (next_guess - s_guess)[:, None]).ravel()
-    sample_path = np.repeat(path, SAMPLES)
-    off, along = distance_to_path(paths, at, sample_path, guess)
-    sagitta = np.hypot(a[:, 0], a[:, 1]) + np.hypot(j[:, 0], j[:, 1]) * h
-    sagitta *= (h / SAMPLES) ** 2 / 8.0
-    miss = off.reshape(n, SAMPLES).max(axis=1) + sagitta
-
-    # Each vertex to the chords of the samples around it; ends are met exactly.
-    last_of = np.concatenate((path[1:] != path[:-1], [True]))
-    used = np.zeros(len(paths.first), dtype=np.bool_)
-    used[path] = True
-    is_end = np.zeros(len(paths.s_mm), dtype=np.bool_)
-    is_end[paths.first] = is_end[paths.last] = True
-    vertex = np.flatnonzero(used[paths.path] & ~is_end & (paths.s_mm > start_s[paths.path] + 1e-9))
-    if not len(vertex):
-        return miss, along[::SAMPLES]
-    ends = at[1:].copy()
-    chord_ok = ~np.repeat(last_of, SAMPLES)[:-1] | (sample_path[1:] == sample_path[:-1])
-    m = np.clip(np.searchsorted(guess, paths.s_mm[vertex]) - 1, 0, len(at) - 2)
-    nearest = np.full(len(vertex), np.inf)
-    owner = m.copy()
-    todo = np.arange(len(vertex))
-    for _ in range(4):
-        centre = owner[todo]
-        moved = np.zeros(len(todo), dtype=np.bool_)
-        here = centre.copy()
-        for step in range(-3, 4):
-            i = np.clip(centre + step, 0, len(at) - 2)
-            chord = ends[i] - at[i]
-            offset = paths.point_mm[vertex[todo]] - at[i]
-            share = np.clip((offset * chord).sum(axis=1) / np.maximum((chord * chord).sum(axis=1), 1e-300), 0.0, 1.0)
-            rest = offset - share[:, None] * chord
-            distance = np.hypot(rest[:, 0], rest[:, 1])
-            distance = np.where(chord_ok[i] & (sample_path[i] == paths.path[vertex[todo]]), distance, np.inf)
-            nearer = distance < nearest[todo]
-            nearest[todo[nearer]] = distance[nearer]
-            here[nearer] = i[nearer]
-            moved |= nearer & (i != centre)
-        owner[todo] = here
-        todo = todo[moved]
-        if not len(todo):
-            break
-    np.maximum.at(miss, owner // SAMPLES, nearest + sagitta[owner // SAMPLES])
-    return miss, along[::SAMPLES]
