@@ -6,6 +6,7 @@ ES, QG and SP,2 wait for it like on the real board.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -142,6 +143,15 @@ class Board:
     def wants_bytes(self) -> bool:
         """False while commands wait to be parsed: the board takes no more from USB then."""
         return self.parser.free
+
+    @property
+    def intercept(self) -> Callable[[int, bytes], bytes | None] | None:
+        """Asked before each command: an error text refuses it. Given its number since the board was made, and its line."""
+        return self.parser.intercept
+
+    @intercept.setter
+    def intercept(self, refusal: Callable[[int, bytes], bytes | None] | None) -> None:
+        self.parser.intercept = refusal
 
     @property
     def blocked_on_motion(self) -> bool:

@@ -67,7 +67,7 @@ class Server:
         self._speed = speed
         self._record = record
         self._faults = faults
-        board.parser.intercept = faults.intercept
+        board.intercept = faults.intercept
         self._control = control
         self._answers = answers
         self._control_text = b""
