@@ -9,6 +9,7 @@
     T3,250,...
     # end 12 steps 800 -40             the stroke is drawn; both motors' steps there
     # pause change to red              wait, pen up, for the operator
+    # note slowed by 8 % ...           what the encoder has to say
 
 Other comments and empty lines are skipped, so that a file from any program, or without any comment, can be read. The same
 program gives the same bytes: nothing here looks at a clock.
@@ -25,7 +26,7 @@ from typing import IO, NamedTuple, TextIO
 
 from output.ebb.commands import Command
 from output.ebb.commands_text import parse_command
-from output.ebb.program import LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
+from output.ebb.program import LayerMark, Mark, Note, PauseMark, StrokeEnd, StrokeMark
 from output.errors import BadCommand
 
 TITLE = "plotter command file"
@@ -35,6 +36,7 @@ _LAYER = re.compile(r"#\s*layer (\d+)(?: (.*))?$")
 _STROKE = re.compile(r"#\s*stroke (-?\d+)$")
 _END = re.compile(r"#\s*end (-?\d+) steps (-?\d+) (-?\d+)$")
 _PAUSE = re.compile(r"#\s*pause(?: (.*))?$")
+_NOTE = re.compile(r"#\s*note (.+)$")
 _LONGEST_LINE = 4096
 
 
@@ -72,6 +74,8 @@ def mark_line(mark: Mark) -> str:
             return f"# end {index} steps {steps[0]} {steps[1]}"
         case PauseMark(message=message):
             return f"# pause {_one_line(message)}".rstrip()
+        case Note(text=text):
+            return f"# note {_one_line(text)}"
 
 
 def read_command_file(source: str | Path | TextIO, problems: list[str] | None = None) -> tuple[dict[str, str], Iterator[Line]]:
@@ -120,6 +124,8 @@ def _mark(text: str) -> Mark | None:
         return LayerMark(int(match[1]), match[2] or "")
     if match := _PAUSE.match(text):
         return PauseMark(match[1] or "")
+    if match := _NOTE.match(text):
+        return Note(match[1])
     return None
 
 

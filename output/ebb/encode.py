@@ -4,6 +4,9 @@ The board's step counters are the only truth about where the pen is, so the enco
 every command's rate from the phase that the board will have when it gets there. At the end of every motion the counters are
 `round(kinematics.steps(end - origin))`, over any length. Time is plan time, stretched by the tick that some firmware loses
 after each command; motion is never sped up to make good for it.
+
+Pieces are merged until the queue holds enough of them, and a motion that would still starve the board is slowed down, with a
+Note that says so.
 """
 
 from __future__ import annotations
@@ -15,20 +18,25 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from output.ebb.arithmetic import ONE_STEP
-from output.ebb.commands import EM, LT, SC, SM, SP, SR, T3, Command
-from output.ebb.encode_pieces import PRIMED, Phase, borders_of, quantised, split
+from output.ebb import encode_families
+from output.ebb.arithmetic import State
+from output.ebb.commands import EM, LT, SC, SM, SP, SR, Command
+from output.ebb.encode_families import Family, Sizing
+from output.ebb.encode_pieces import PRIMED, borders_of
 from output.ebb.firmware import Firmware
 from output.ebb.program import LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
 from planning.motion.limits import Kinematics
 from planning.motion.plan import Action, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
 
-Family = Literal["auto", "t3", "lt", "lm", "sm", "xm"]
+FamilyName = Literal["auto", "t3", "lt", "lm", "sm", "xm"]
 
 
 @dataclass(frozen=True, slots=True)
 class PenCommands:
-    """How the board raises and lowers the pen: servo positions in 1 / 12 MHz, rates in those per 24 ms, RB pin (None: RB1)."""
+    """How the board raises and lowers the pen: servo positions in 1 / 12 MHz, rates in those per 24 ms, RB pin (None: RB1).
+
+    `first_lift_s` is how long the very first lift may take: nobody knows where the pen is then.
+    """
 
     up: int
     down: int
@@ -44,29 +52,34 @@ class BoardSetup:
     """What the encoder must know of machine and board.
 
     `origin_mm` (2,) is the machine position at which the step counters are 0; `microsteps` is EM's first parameter (1: 1/16).
+    `family` is the commands to use: auto takes the best that the firmware has. `sizing` says how long pieces are made.
     """
 
     kinematics: Kinematics
     firmware: Firmware
     pen: PenCommands
     origin_mm: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
-    family: Family = "auto"
+    family: FamilyName = "auto"
     microsteps: int = 1
     motors_off_at_end: bool = True
+    sizing: Sizing = field(default_factory=Sizing)
 
 
 def prologue(setup: BoardSetup) -> Iterator[Command | Mark]:
     """What comes first: pen configured and raised, motors on with counters at 0, accumulators at half a step."""
-    pen = setup.pen
+    pen, firmware = setup.pen, setup.firmware
     yield SC(4, pen.up)
     yield SC(5, pen.down)
-    yield SC(11, pen.rate_up)
-    yield SC(12, pen.rate_down)
-    if setup.firmware.has(SR(0)):
+    if firmware.version >= (1, 9, 2):
+        yield SC(11, pen.rate_up)
+        yield SC(12, pen.rate_down)
+    else:
+        yield SC(10, pen.rate_up)
+    if firmware.has(SR(0)):
         yield SR(pen.servo_timeout_ms, 1)
     yield EM(setup.microsteps, setup.microsteps)
     yield _pen(1, pen.first_lift_s, setup)
-    if not setup.firmware.old_arithmetic:
+    if "LT" in firmware.motion:
         # One tick at half a step: nothing steps, and from here rounding down is rounding to the nearest.
         yield LT(1, PRIMED, 0, PRIMED, 0)
 
@@ -100,7 +113,8 @@ class _Encoder:
 
     def __init__(self, setup: BoardSetup) -> None:
         self.setup = setup
-        self.phase: Phase | None = None
+        self.family: Family = encode_families.choose(setup.family, setup.firmware, setup.kinematics, setup.sizing)
+        self.started = False
 
     def action(self, action: Action) -> Iterator[Command | Mark]:
         match action:
@@ -108,12 +122,12 @@ class _Encoder:
                 yield from self.motion(motion)
             case Draw(motion=motion, stroke=stroke):
                 yield from self.motion(motion)
-                yield StrokeEnd(stroke, self.phase.steps if self.phase else (0, 0))
+                yield StrokeEnd(stroke, self.family.state.position)
             case Lower(wait_s=wait_s, stroke=stroke):
                 yield StrokeMark(stroke)
-                yield _pen(0, wait_s, self.setup)
+                yield self.pen(0, wait_s)
             case Lift(wait_s=wait_s):
-                yield _pen(1, wait_s, self.setup)
+                yield self.pen(1, wait_s)
             case Dwell(duration_s=duration_s):
                 yield from self.wait(duration_s)
             case LayerStart(number=number, name=name):
@@ -121,21 +135,28 @@ class _Encoder:
             case OperatorPause(message=message):
                 yield PauseMark(message)
 
-    def motion(self, motion: Motion) -> Iterator[Command]:
-        if self.phase is None:
-            self.phase = self._at(motion.start_mm)
-        borders = split(borders_of(motion, self.setup.kinematics, self.setup.origin_mm))
-        for parameters in quantised(borders, self.phase):
-            yield T3(*parameters)
+    def motion(self, motion: Motion) -> Iterator[Command | Mark]:
+        if not self.started:
+            self.started = True
+            self.family.state = self._at(motion.start_mm)
+        if len(motion):
+            yield from self.family.motion(borders_of(motion, self.setup.kinematics, self.setup.origin_mm))
+
+    def pen(self, value: int, wait_s: float) -> Command:
+        command = _pen(value, wait_s, self.setup)
+        self.family.waited("SP", (command.duration_ms or 0) / 1000)
+        return command
 
     def wait(self, duration_s: float) -> Iterator[Command]:
         left_ms = round(duration_s * 1000)
         while left_ms > 0:
             part_ms = min(left_ms, self.setup.firmware.max_delay_ms)
+            self.family.waited("SM", part_ms / 1000)
             yield SM(part_ms, 0, 0)
             left_ms -= part_ms
 
-    def _at(self, position_mm: NDArray[np.float64]) -> Phase:
-        """The phase after `prologue`, at the plan's start: counters rounded, accumulators at half a step."""
+    def _at(self, position_mm: NDArray[np.float64]) -> State:
+        """Counters and accumulators after `prologue`, at the plan's start."""
         steps = np.rint(self.setup.kinematics.steps(position_mm - self.setup.origin_mm)).astype(np.int64)
-        return Phase(int(steps[0]) * ONE_STEP + PRIMED, int(steps[1]) * ONE_STEP + PRIMED)
+        acc = PRIMED if "LT" in self.setup.firmware.motion else 0
+        return State((int(steps[0]), int(steps[1])), (acc, acc))

@@ -33,6 +33,8 @@ EDGE = 1 / 16
 _MIDDLE_ERROR = 0.1
 # How far (2^-31 steps) a slow piece's end may be off when its rate is held back so as not to step backwards.
 _END_ERROR = ONE_STEP / 64
+# Steps per tick: rates this close (3 steps per second) are the same when halves of a ramp are told.
+_PAIR_RATE = 1.2e-4
 # Ticks: a piece of this length that is held back so ends at most 1/64 of a step off.
 _LONGEST_AT_REST = 900.0
 # Rates below this (2^-31 steps per tick) are standing still: 1e-5 steps per second.
@@ -150,6 +152,8 @@ def cubics_of(borders: Borders) -> Cubics:
     # Not the exact acceleration but the one that, with this jerk, reaches the end's rate: what is left is tiny and symmetric.
     accel = np.rint((v1 - v0) / t - jerk * t / 2).astype(np.int64)
 
+    jerk, accel = _paired(borders, exact_jerk, jerk, accel)
+
     slowest, fastest = _extremes(v0, (v1 - v0) / t - exact_jerk * t / 2, exact_jerk, t)
     if max(fastest.max(initial=0.0), -slowest.min(initial=0.0)) > ONE_STEP * 1.0000001:
         speed = max(fastest.max(), -slowest.min()) / ONE_STEP / TICK_S
@@ -165,6 +169,26 @@ def cubics_of(borders: Borders) -> Cubics:
     slow = np.maximum(np.abs(v0), np.abs(v1)) <= 2 * t**2
     base = accel * (ticks * (ticks + 1) // 2) + jerk * ((ticks - 1) * ticks * (ticks + 1) // 6)
     return Cubics(accel, jerk, least, most, base - (_truncated(accel, 2) - _truncated(jerk, 6)) * ticks, way, slow)
+
+
+def _paired(borders: Borders, exact_jerk: Array, jerk: Ints, accel: Ints) -> tuple[Ints, Ints]:
+    """Where two pieces are the halves of a ramp, from acceleration 0 and back to it, make them so to the last bit: one TD."""
+    t = borders.ticks.astype(np.float64)
+    if len(t) < 2:
+        return jerk, accel
+    start = np.abs((borders.v[1:] - borders.v[:-1]) / t[:, None] - exact_jerk * t[:, None] / 2)
+    close = np.abs(exact_jerk[:-1] + exact_jerk[1:]) <= 1e-3 * np.abs(exact_jerk[:-1]) + 1.0
+    halves = close.all(axis=1) & (t[:-1] == t[1:]) & (start[:-1] * t[:-1, None] <= 2 * ONE_STEP * _PAIR_RATE).all(axis=1)
+    halves &= (t[:-1] <= _LONGEST_AT_REST) & np.abs(jerk[:-1]).any(axis=1)
+    # Not the second half of one as the first of another.
+    first = np.flatnonzero(halves)
+    first = first[np.concatenate(([True], np.diff(first) > 1))] if len(first) else first
+    whole = np.rint((exact_jerk[first] - exact_jerk[first + 1]) / 2).astype(np.int64)
+    jerk[first], jerk[first + 1] = whole, -whole
+    accel[first] = 0
+    span = t[first + 1][:, None]
+    accel[first + 1] = np.rint((borders.v[first + 2] - borders.v[first + 1]) / span + whole * span / 2).astype(np.int64)
+    return jerk, accel
 
 
 def _extremes(v0: Array, a: Array, j: Array, t: Array) -> tuple[Array, Array]:

@@ -41,5 +41,12 @@ class PauseMark:
     message: str
 
 
-Mark = LayerMark | StrokeMark | StrokeEnd | PauseMark
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Something that whoever looks at the program should know, such as a motion that was slowed down for the board."""
+
+    text: str
+
+
+Mark = LayerMark | StrokeMark | StrokeEnd | PauseMark | Note
 Program = Iterable[Command | Mark]

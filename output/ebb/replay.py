@@ -18,7 +18,7 @@ from output.ebb.arithmetic import ONE_STEP, TICKS_PER_MS, NeverEnds, State, Step
 from output.ebb.command_file import Line
 from output.ebb.commands import CS, CU, EM, LT, S2, SC, SM, SP, T3, TD, TP, XM, Command, MotionCommand, R
 from output.ebb.firmware import Firmware
-from output.ebb.program import LayerMark, Mark, PauseMark, StrokeMark
+from output.ebb.program import LayerMark, Mark, Note, PauseMark, StrokeMark
 
 Ints = NDArray[np.int64]
 
@@ -73,6 +73,7 @@ class Replay:
     microsteps: int = 1
     problems: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     commands: int = 0
     pen_lifts: int = 0
     pauses: int = 0
@@ -130,6 +131,8 @@ class Replay:
                 self._tag = (down, layer, index)
             case PauseMark():
                 self.pauses += 1
+            case Note(text=text):
+                self.notes.append(text)
 
     def _gathers(self, command: Command, index: int) -> bool:
         """Keep a command that lasts a given time for the next flush: True when it is one."""
@@ -253,7 +256,7 @@ class Replay:
             r0=profiles[:, :, 0],
             accel=profiles[:, :, 1],
             jerk=profiles[:, :, 2],
-            kind=np.full(n, MOVE),
+            kind=np.full(n, WAIT if done.ticks == 1 and counter[0].tolist() == counter[-1].tolist() else MOVE),
             pen_down=np.full(n, down),
             layer=np.full(n, layer),
             stroke=np.full(n, stroke),

@@ -177,6 +177,14 @@ class _Check:
 
     def _jumps(self, rows: Rows, start: Array, end: Array) -> Array:
         """Velocity jumps at the rows' starts; returns the speed that goes on over each border."""
+        # A motor that has taken its last step of an LM or SM waits for the other's: less than a step's time is no stop.
+        waits = np.concatenate(([False], (np.diff(rows.command) == 0) & (rows.dead[:-1] == 0)))
+        lost = np.abs(start[1:] - end[:-1]) @ np.abs(self.to_steps)
+        waits[1:] &= (lost.max(axis=1) * rows.ticks[1:] * TICK_S) < 1.5
+        start, end = (
+            np.where(waits[:, None], np.roll(end, 1, axis=0), start),
+            np.where(waits[:, None], np.roll(end, 1, axis=0), end),
+        )
         before = np.vstack((self.last_velocity[None, :], end[:-1]))
         jumps = np.hypot(*(start - before).T)
         at = int(np.argmax(jumps))
@@ -265,6 +273,9 @@ class _Check:
         if np.isfinite(self.shortest_s):
             r.shortest_command_ms = self.shortest_s * 1000
         r.problems, r.warnings = problems, [*r.warnings, *replay.warnings]
+        if replay.notes:
+            more = f" (and {len(replay.notes) - 1} more such notes)" if len(replay.notes) > 1 else ""
+            r.warnings.append(f"the encoder noted: {replay.notes[0]}{more}")
         self._judge(travel_mm)
         return r
 

@@ -1,0 +1,268 @@
+"""One class for each family of motion commands: borders of a motion in, commands out, the board's state carried along."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from output.ebb import arithmetic, arithmetic_old, encode_quadratic
+from output.ebb.arithmetic import ONE_STEP, TICK_S, TICKS_PER_MS, State
+from output.ebb.commands import SM, T3, TD, XM, Command
+from output.ebb.encode_merge import merge, stretched
+from output.ebb.encode_pieces import Borders, Parameters, Phase, quantised, split
+from output.ebb.encode_spans import Samples, cut, on_milliseconds, sampled
+from output.ebb.firmware import Firmware
+from output.ebb.program import Mark, Note
+from output.ebb.queue_model import HOST_S, QueueModel, queue_setup, service_s
+from output.errors import BadCommand
+from planning.motion.limits import Kinematics
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Sizing:
+    """How long pieces are made. `lead_s` of motion should be queued where the depth allows; merging may move the pen
+    `merge_steps` off the plan, and parabolas (LT, LM) or lines (SM, XM) `lt_steps` or `sm_steps`; `host_s` is what the host
+    takes from one answer to the next command. Beyond `worst_steps` times these, a motion is slowed down instead.
+    """
+
+    lead_s: float = 1.0
+    merge_steps: float = 0.1
+    lt_steps: float = 0.5
+    sm_steps: float = 1.0
+    worst_steps: float = 3.0
+    host_s: float = HOST_S
+
+
+class Family(ABC):
+    """Base: the state that the board will have, and a model of its queue."""
+
+    def __init__(self, firmware: Firmware, kinematics: Kinematics, sizing: Sizing) -> None:
+        self.firmware = firmware
+        self.sizing = sizing
+        self.state = State()
+        self.queue = QueueModel(queue_setup(firmware, sizing.host_s))
+        self.to_mm = np.linalg.inv(kinematics.steps_per_mm).T / ONE_STEP
+        self.count = 0
+
+    @abstractmethod
+    def motion(self, borders: Borders) -> Iterator[Command | Mark]:
+        """The commands of a motion from rest to rest; moves `state` on."""
+
+    def waited(self, name: str, duration_s: float) -> None:
+        """A wait or a pen move goes into the queue."""
+        takes = self.sizing.host_s + service_s(self.firmware, name, np.zeros(1))
+        self.queue.feed(np.zeros(1, dtype=np.int64), takes, np.array([duration_s]), np.zeros(1))
+
+    def load(self, rates: Array) -> Array:
+        """How busy both motors keep the board, 0 to 1, at rates (n, 2)."""
+        return np.asarray(np.abs(rates).sum(axis=1) / (2 * ONE_STEP))
+
+    def sustainable_ticks(self, name: str, borders: Borders) -> int:
+        """The shortest command of this motion that can be streamed for ever: host, parser, and a tenth for safety."""
+        busiest = self.load(borders.v).max(initial=0.0)
+        takes_s = self.sizing.host_s + float(service_s(self.firmware, name, np.array([busiest]))[0])
+        return int(np.ceil(1.1 * max(takes_s, self.firmware.least_ms[name] / 1000) / TICK_S))
+
+    def slowed(self, factor: float) -> Note:
+        """What is said when a motion is slowed down."""
+        return Note(f"slowed by {100 * (factor - 1):.0f} % for firmware {self.firmware.name}, which takes no shorter commands")
+
+
+class Cubic(Family):
+    """T3, and TD for the two halves of a ramp where `pairs`: one command for each cubic."""
+
+    def __init__(self, firmware: Firmware, kinematics: Kinematics, sizing: Sizing, pairs: bool) -> None:
+        super().__init__(firmware, kinematics, sizing)
+        self.pairs = pairs
+        # As many ticks in a piece as fill the queue with the lead wanted.
+        self.filling_ticks = int(np.ceil(sizing.lead_s / self.queue.setup.depth / TICK_S))
+
+    def motion(self, borders: Borders) -> Iterator[Command | Mark]:
+        chosen, model, factor = self._sized(borders)
+        self.queue = model
+        if factor > 1:
+            yield self.slowed(factor)
+        (one, two), (acc1, acc2) = self.state
+        phase = Phase(one * ONE_STEP + acc1, two * ONE_STEP + acc2)
+        rows = quantised(chosen, phase)
+        self.state = State(phase.steps, (phase.axis1 & (ONE_STEP - 1), phase.axis2 & (ONE_STEP - 1)))
+        yield from _paired(rows) if self.pairs else (T3(*row) for row in rows)
+
+    def _sized(self, borders: Borders) -> tuple[Borders, QueueModel, float]:
+        """The borders to be sent, the queue after them, and by how much they are slowed."""
+        shortest = self.sustainable_ticks("T3", borders)
+        first: tuple[Borders, QueueModel] | None = None
+        for loosened in (1.0, self.sizing.worst_steps):
+            tolerance = self.sizing.merge_steps * loosened * ONE_STEP
+            chosen = split(merge(borders, max(round(self.filling_ticks * 1.25), 2 * shortest), tolerance, self.to_mm))
+            model, starves = self._queue_after(chosen)
+            first = first or (chosen, model)
+            if not starves:
+                return chosen, model, 1.0
+        factor = 1.0
+        while factor < 16:
+            factor *= 1.15
+            slower = split(stretched(chosen, factor))
+            model, starves = self._queue_after(slower)
+            if not starves:
+                return slower, model, factor
+        return (*first, 1.0)
+
+    def _queue_after(self, borders: Borders) -> tuple[QueueModel, bool]:
+        model = deepcopy(self.queue)
+        takes = self.sizing.host_s + service_s(self.firmware, "T3", self.load(borders.v[:-1]))
+        lasts = np.asarray((borders.ticks + self.firmware.dead_ticks) * TICK_S, dtype=np.float64)
+        speeds = np.asarray(np.hypot(*(borders.v[:-1] @ self.to_mm).T) / TICK_S)
+        before = model.underruns
+        model.feed(np.zeros(len(borders), dtype=np.int64), takes, lasts, speeds)
+        return model, model.underruns > before
+
+
+def _paired(rows: list[Parameters]) -> Iterator[Command]:
+    i, n = 0, len(rows)
+    while i < n:
+        t, rate1, accel1, jerk1, rate2, accel2, jerk2 = rows[i]
+        if not accel1 and not accel2 and i + 1 < n and (jerk1 or jerk2):
+            t_b, rate1_b, accel1_b, jerk1_b, rate2_b, accel2_b, jerk2_b = rows[i + 1]
+            if t == t_b and jerk1_b == -jerk1 and jerk2_b == -jerk2:
+                yield TD(t, rate1, rate1_b, accel1_b, jerk1, rate2, rate2_b, accel2_b, jerk2)
+                i += 2
+                continue
+        yield T3(*rows[i])
+        i += 1
+
+
+class Stepwise(Family):
+    """Base of the families that approximate: spans of samples, slowed down while they are too far off."""
+
+    name = ""
+    order = 1
+
+    def motion(self, borders: Borders) -> Iterator[Command | Mark]:
+        tolerance = self.tolerance_steps * ONE_STEP
+        factor, slower = 1.0, borders
+        for _ in range(8):
+            samples = self.samples(slower)
+            least = self.sustainable_ticks(self.name, slower)
+            spans = cut(samples, self.order, tolerance, least, self.most_ticks, one_way=True)
+            if spans.worst <= tolerance * self.sizing.worst_steps:
+                break
+            # An error of a line goes with T^2 a, a of a motion with 1 / factor^2; of a parabola with the cube.
+            excess = spans.worst / (tolerance * self.sizing.worst_steps)
+            factor *= max(1.05, excess ** (1 / (self.order + 1)))
+            slower = stretched(borders, factor)
+        if factor > 1:
+            yield self.slowed(factor)
+        yield from self.commands(samples, spans.cuts.tolist())
+
+    @property
+    def tolerance_steps(self) -> float:
+        return self.sizing.sm_steps if self.order == 1 else self.sizing.lt_steps
+
+    @property
+    def most_ticks(self) -> int:
+        return 25 * TICKS_PER_MS
+
+    @abstractmethod
+    def samples(self, borders: Borders) -> Samples:
+        """The motion sampled where spans may begin and end."""
+
+    @abstractmethod
+    def commands(self, samples: Samples, cuts: list[int]) -> Iterator[Command]:
+        """A command for each span."""
+
+    def done(self, command: Command) -> Command:
+        """Note what the board will have after the command."""
+        execute = arithmetic_old.execute if self.firmware.old_arithmetic else arithmetic.execute
+        self.state = execute(command, self.state).state
+        return command
+
+
+class Quadratic(Stepwise):
+    """LT, or LM where `counting`."""
+
+    order = 2
+
+    def __init__(self, firmware: Firmware, kinematics: Kinematics, sizing: Sizing, counting: bool) -> None:
+        super().__init__(firmware, kinematics, sizing)
+        self.counting = counting
+        self.name = "LM" if counting else "LT"
+
+    @property
+    def most_ticks(self) -> int:
+        # Straight cruises may be long, but not so long that a stop or a pause has to wait for them.
+        return 500 * TICKS_PER_MS
+
+    def samples(self, borders: Borders) -> Samples:
+        return sampled(borders, 3 * TICKS_PER_MS, turns=True)
+
+    def commands(self, samples: Samples, cuts: list[int]) -> Iterator[Command]:
+        ticks, x, v = samples.ticks[cuts].tolist(), samples.x[cuts], samples.v[cuts]
+        for i in range(len(cuts) - 1):
+            lasts, final = ticks[i + 1] - ticks[i], i == len(cuts) - 2
+            old = self.firmware.old_arithmetic
+            one, two = (
+                encode_quadratic.axis_piece(
+                    self.state.position[k], self.state.acc[k], lasts, x[i + 1, k], v[i, k], v[i + 1, k], old=old, final=final
+                )
+                for k in (0, 1)
+            )
+            if self.counting:
+                command = encode_quadratic.counted(lasts, one, two)
+            else:
+                command = encode_quadratic.timed(lasts, one, two, old)
+            if command is not None:
+                yield self.done(command)
+
+
+class Linear(Stepwise):
+    """SM, or XM where `mixed`: motor 1 takes a + b, motor 2 a - b."""
+
+    def __init__(self, firmware: Firmware, kinematics: Kinematics, sizing: Sizing, mixed: bool) -> None:
+        super().__init__(firmware, kinematics, sizing)
+        self.mixed = mixed
+        self.name = "XM" if mixed else "SM"
+
+    @property
+    def most_ticks(self) -> int:
+        # One step in 700 ms is still above the 1.31 steps per second that old firmware asks for.
+        return 700 * TICKS_PER_MS
+
+    def samples(self, borders: Borders) -> Samples:
+        return on_milliseconds(borders, TICKS_PER_MS)
+
+    def commands(self, samples: Samples, cuts: list[int]) -> Iterator[Command]:
+        times_ms = (samples.ticks[cuts] // TICKS_PER_MS).tolist()
+        targets = np.rint(samples.x[cuts] / ONE_STEP).astype(np.int64).tolist()
+        for i, (one, two) in enumerate(targets[1:]):
+            duration_ms = times_ms[i + 1] - times_ms[i]
+            n1, n2 = one - self.state.position[0], two - self.state.position[1]
+            final = i == len(targets) - 2
+            if self.mixed and not ((n1 + n2) % 2 and final):
+                yield self.done(XM(duration_ms, (n1 + n2) // 2, (n1 - n2) // 2))
+            else:
+                yield self.done(SM(duration_ms, n1, n2))
+
+
+def choose(name: str, firmware: Firmware, kinematics: Kinematics, sizing: Sizing) -> Family:
+    """The family that `name` says, `auto` for the firmware's best. Raises BadCommand when the firmware lacks it."""
+    needs = {"t3": "T3", "lt": "LT", "lm": "LM", "sm": "SM", "xm": "XM"}
+    if name == "auto":
+        name = next(family for family in ("t3", "lt", "sm") if needs[family] in firmware.motion)
+    if name not in needs:
+        raise BadCommand(f"there are no commands {name!r}; choose auto, {', '.join(needs)}")
+    if needs[name] not in firmware.motion:
+        has = ", ".join(family for family in needs if needs[family] in firmware.motion)
+        raise BadCommand(f"firmware {firmware.name} has no {needs[name]}; choose one of {has}, or auto")
+    if name == "t3":
+        return Cubic(firmware, kinematics, sizing, pairs="TD" in firmware.motion)
+    if name in ("lt", "lm"):
+        return Quadratic(firmware, kinematics, sizing, counting=name == "lm")
+    return Linear(firmware, kinematics, sizing, mixed=name == "xm")
