@@ -98,12 +98,12 @@ class Cubic(Family):
     def _sized(self, borders: Borders) -> tuple[Borders, QueueModel, float]:
         """The borders to be sent, the queue after them, and by how much they are slowed."""
         shortest = self.sustainable_ticks("T3", borders)
-        first: tuple[Borders, QueueModel] | None = None
+        sized: list[tuple[Borders, QueueModel]] = []
         for loosened in (1.0, self.sizing.worst_steps):
             tolerance = self.sizing.merge_steps * loosened * ONE_STEP
             chosen = split(merge(borders, max(round(self.filling_ticks * 1.25), 2 * shortest), tolerance, self.to_mm))
             model, starves = self._queue_after(chosen)
-            first = first or (chosen, model)
+            sized.append((chosen, model))
             if not starves:
                 return chosen, model, 1.0
         factor = 1.0
@@ -113,7 +113,7 @@ class Cubic(Family):
             model, starves = self._queue_after(slower)
             if not starves:
                 return slower, model, factor
-        return (*first, 1.0)
+        return *sized[0], 1.0
 
     def _queue_after(self, borders: Borders) -> tuple[QueueModel, bool]:
         model = deepcopy(self.queue)

@@ -84,8 +84,6 @@ def _fits(
 
 def stretched(borders: Borders, factor: float) -> Borders:
     """The same path, `factor` times as slow: whole ticks, rates in proportion."""
-    ticks = np.ceil(borders.ticks * factor - 1e-9).astype(np.int64)
-    # The rate at a border is shared by two pieces whose ticks round differently: the slower of the two is taken.
-    ratio = ticks / borders.ticks
-    shared = np.maximum(np.concatenate((ratio[:1], ratio)), np.concatenate((ratio, ratio[-1:])))
-    return Borders(borders.x, borders.v / shared[:, None], ticks)
+    # Borders are rounded to ticks, not durations: nothing adds up, and no piece becomes empty as factor >= 1.
+    time = np.rint(np.concatenate(([0], np.cumsum(borders.ticks))) * factor).astype(np.int64)
+    return Borders(borders.x, borders.v / factor, np.diff(time))

@@ -83,25 +83,16 @@ def cut(samples: Samples, order: int, tolerance: float, least_ticks: int, most_t
         lasts = samples.ticks[m:] - samples.ticks[:-m]
         off, turns = _off(samples, starts, m, order, one_way)
         fits = (off <= tolerance) & ~turns & (lasts <= most_ticks)
-        # The first that is long enough has to do, whatever it costs; a longer one only when it fits.
-        take = fits | ((lasts >= least_ticks) & (best[starts] == 0))
-        take |= (samples.ticks[starts + m] == samples.ticks[-1]) & (best[starts] == 0)
-        take |= fits & (best[starts] == 0)
+        ends = samples.ticks[starts + m] == samples.ticks[-1]
+        # The first that is long enough has to do, whatever it costs; a longer one only when it fits. The last may be short:
+        # after it the pen rests.
+        take = (fits | (best[starts] == 0)) & ((lasts >= least_ticks) | ends)
         best[starts[take]] = m
         off_best[starts[take]] = off[take]
-    return _walk(samples, best, off_best, least_ticks)
-
-
-def _walk(samples: Samples, best: Ints, off: Array, least_ticks: int) -> Spans:
-    n = len(best)
     cuts, at, worst, lengths = [0], 0, 0.0, best.tolist()
     while at < n:
-        step = lengths[at] or 1
-        # Too short to be sustained: go on to the first that is long enough.
-        while samples.ticks[at + step] - samples.ticks[at] < least_ticks and at + step < n:
-            step += 1
-        worst = max(worst, float(off[at]))
-        at += step
+        worst = max(worst, float(off_best[at]))
+        at += lengths[at]
         cuts.append(at)
     return Spans(np.array(cuts), worst)
 
@@ -109,7 +100,7 @@ def _walk(samples: Samples, best: Ints, off: Array, least_ticks: int) -> Spans:
 def _lengths(samples: Samples, most_ticks: int) -> list[int]:
     """How many samples a span may have: all small numbers, then about an eighth more each time."""
     n = len(samples.ticks) - 1
-    most = max(1, min(n, round(most_ticks / max(float(np.median(np.diff(samples.ticks))), 1.0))))
+    most = max(1, min(n, round(most_ticks / max(float(np.median(np.diff(samples.ticks))), 1.0)) + 2))
     lengths, m = [], 1
     while m <= most:
         lengths.append(m)
