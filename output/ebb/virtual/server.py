@@ -187,7 +187,7 @@ class Server:
         return target
 
     def _held(self, target: int) -> int:
-        """`target`, or sooner while there is patience and the running command is the last one the board has."""
+        """`target`, or sooner while there is patience and the running command is the last one the board has, or was."""
         board = self.board
         recorder = board.recorder
         if recorder.queue_pushes != self._queued_before:
@@ -196,7 +196,9 @@ class Server:
         if self._patience_left_s <= 0 or not board.wants_bytes or board.motion.entries:
             return target
         running = board.motion.running
-        if running is None or running.end is None:
+        if running is None:
+            return board.now if self._queued_before else target
+        if running.end is None:
             return target
         return min(target, max(board.now, running.end - HOLD_MARGIN_TICKS))
 
