@@ -92,8 +92,8 @@ class Cubic(Family):
         (one, two), (acc1, acc2) = self.state
         phase = Phase(one * ONE_STEP + acc1, two * ONE_STEP + acc2)
         rows = quantised(chosen, phase)
-        self.state = State(phase.steps, (phase.axis1 & (ONE_STEP - 1), phase.axis2 & (ONE_STEP - 1)))
         yield from _paired(rows) if self.pairs else (T3(*row) for row in rows)
+        self.state = State(phase.steps, (phase.axis1 & (ONE_STEP - 1), phase.axis2 & (ONE_STEP - 1)))
 
     def _sized(self, borders: Borders) -> tuple[Borders, QueueModel, float]:
         """The borders to be sent, the queue after them, and by how much they are slowed."""
@@ -125,18 +125,24 @@ class Cubic(Family):
         return model, model.underruns > before
 
 
-def _paired(rows: list[Parameters]) -> Iterator[Command]:
-    i, n = 0, len(rows)
-    while i < n:
-        t, rate1, accel1, jerk1, rate2, accel2, jerk2 = rows[i]
-        if not accel1 and not accel2 and i + 1 < n and (jerk1 or jerk2):
-            t_b, rate1_b, accel1_b, jerk1_b, rate2_b, accel2_b, jerk2_b = rows[i + 1]
-            if t == t_b and jerk1_b == -jerk1 and jerk2_b == -jerk2:
-                yield TD(t, rate1, rate1_b, accel1_b, jerk1, rate2, rate2_b, accel2_b, jerk2)
-                i += 2
+def _paired(rows: Iterator[Parameters]) -> Iterator[Command]:
+    """T3 for each row, but TD for two that are the halves of a ramp."""
+    held: Parameters | None = None
+    for row in rows:
+        if held is not None:
+            t, rate1, _, jerk1, rate2, _, jerk2 = held
+            if row[0] == t and row[3] == -jerk1 and row[6] == -jerk2:
+                yield TD(t, rate1, row[1], row[2], jerk1, rate2, row[4], row[5], jerk2)
+                held = None
                 continue
-        yield T3(*rows[i])
-        i += 1
+            yield T3(*held)
+            held = None
+        if not row[2] and not row[5] and (row[3] or row[6]):
+            held = row
+        else:
+            yield T3(*row)
+    if held is not None:
+        yield T3(*held)
 
 
 class Stepwise(Family):

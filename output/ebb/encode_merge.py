@@ -26,7 +26,7 @@ def merge(borders: Borders, longest_ticks: int, tolerance: float, to_mm: Array) 
     `to_mm` (2, 2) turns rows of motor units into millimetres, by which accelerations are compared.
     """
     n = len(borders)
-    if n < 2:
+    if n < 2 or tolerance <= 0:
         return borders
     length = np.ones(n, dtype=np.int64)
     time = np.concatenate(([0], np.cumsum(borders.ticks)))
@@ -34,8 +34,7 @@ def merge(borders: Borders, longest_ticks: int, tolerance: float, to_mm: Array) 
     for m in range(2, min(_MOST_MERGED, n) + 1):
         starts = np.flatnonzero(time[m:] - time[:-m] <= longest_ticks)
         if len(starts):
-            starts = starts[_fits(borders, time, starts, m, tolerance, steepest, to_mm)]
-            length[starts] = m
+            length[_fitting(borders, time, starts, m, tolerance, steepest, to_mm)] = m
     kept, at, lengths = [], 0, length.tolist()
     while at < n:
         kept.append(at)
@@ -52,7 +51,7 @@ def _steepest(borders: Borders, to_mm: Array) -> float:
     return max(float(np.hypot(*(a @ to_mm).T).max()) for a in ends)
 
 
-def _fits(
+def _fitting(
     borders: Borders,
     time: NDArray[np.int64],
     starts: NDArray[np.int64],
@@ -60,14 +59,23 @@ def _fits(
     tolerance: float,
     steepest: float,
     to_mm: Array,
-) -> NDArray[np.bool_]:
-    """Which of `starts` may begin a piece over `m` of the old ones."""
-    x0, x1, v0, v1 = borders.x[starts], borders.x[starts + m], borders.v[starts], borders.v[starts + m]
-    t = (time[starts + m] - time[starts])[:, None].astype(np.float64)
-    mean = (x1 - x0) / t
-    a0, a1 = (6 * mean - 4 * v0 - 2 * v1) / t, (4 * v1 + 2 * v0 - 6 * mean) / t
+) -> NDArray[np.int64]:
+    """Those of `starts` that may begin a piece over `m` of the old ones."""
+
+    def cubic(starts: NDArray[np.int64]) -> tuple[Array, Array, Array, Array]:
+        t = (time[starts + m] - time[starts])[:, None].astype(np.float64)
+        mean = (borders.x[starts + m] - borders.x[starts]) / t
+        v0, v1 = borders.v[starts], borders.v[starts + m]
+        return t, v0, (6 * mean - 4 * v0 - 2 * v1) / t, (4 * v1 + 2 * v0 - 6 * mean) / t
+
+    t, v0, a0, a1 = cubic(starts)
+    gentle = np.maximum(_squares(a0 @ to_mm), _squares(a1 @ to_mm)) <= (steepest * 1.001) ** 2
+    if not gentle.all():
+        starts = starts[gentle]
+        t, v0, a0, a1 = t[gentle], v0[gentle], a0[gentle], a1[gentle]
     jerk = (a1 - a0) / t
-    good = np.maximum(np.hypot(*(a0 @ to_mm).T), np.hypot(*(a1 @ to_mm).T)) <= steepest * 1.001
+    x0, v1 = borders.x[starts], borders.v[starts + m]
+    good = np.ones(len(starts), dtype=np.bool_)
     low, high = np.minimum(v0, v1), np.maximum(v0, v1)
     for inner in range(1, m):
         s = (time[starts + inner] - time[starts])[:, None].astype(np.float64)
@@ -79,7 +87,11 @@ def _fits(
     turn = np.clip(turn, 0.0, t)
     middle = v0 + turn * (a0 + turn * jerk / 2)
     turns = ((low >= -_STILL) & (middle < -_STILL)) | ((high <= _STILL) & (middle > _STILL))
-    return np.asarray(good & ~turns.any(axis=1))
+    return starts[good & ~turns.any(axis=1)]
+
+
+def _squares(vectors: Array) -> Array:
+    return np.asarray((vectors * vectors).sum(axis=1))
 
 
 def stretched(borders: Borders, factor: float) -> Borders:

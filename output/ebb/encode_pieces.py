@@ -11,6 +11,7 @@ Laws (tests/laws/test_encode_laws.py):
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -37,6 +38,8 @@ _END_ERROR = ONE_STEP / 64
 _PAIR_RATE = 1.2e-4
 # Ticks: a piece of this length that is held back so ends at most 1/64 of a step off.
 _LONGEST_AT_REST = 900.0
+# Pieces that are worked on at a time: arrays are quick, but Python's integers take room.
+_WINDOW = 1 << 15
 # Rates below this (2^-31 steps per tick) are standing still: 1e-5 steps per second.
 _STILL_RATE = 1.0
 
@@ -236,16 +239,17 @@ class Phase:
 Parameters = tuple[int, int, int, int, int, int, int]
 
 
-def quantised(borders: Borders, phase: Phase) -> list[Parameters]:
+def quantised(borders: Borders, phase: Phase) -> Iterator[Parameters]:
     """Intervals, Rate, Accel and Jerk of both axes for each piece; `phase` is moved on to what the board will have."""
-    if not len(borders):
-        return []
-    cubics = cubics_of(borders)
-    targets = np.rint(borders.x[1:]).astype(np.int64) + PRIMED
-    ticks = borders.ticks.tolist()
-    rate1, accel1, jerk1, phase.axis1 = _one_axis(ticks, cubics, targets, 0, phase.axis1)
-    rate2, accel2, jerk2, phase.axis2 = _one_axis(ticks, cubics, targets, 1, phase.axis2)
-    return list(zip(ticks, rate1, accel1, jerk1, rate2, accel2, jerk2, strict=True))
+    for first in range(0, len(borders), _WINDOW):
+        last = min(first + _WINDOW, len(borders))
+        window = Borders(borders.x[first : last + 1], borders.v[first : last + 1], borders.ticks[first:last])
+        cubics = cubics_of(window)
+        targets = np.rint(window.x[1:]).astype(np.int64) + PRIMED
+        ticks = window.ticks.tolist()
+        rate1, accel1, jerk1, phase.axis1 = _one_axis(ticks, cubics, targets, 0, phase.axis1)
+        rate2, accel2, jerk2, phase.axis2 = _one_axis(ticks, cubics, targets, 1, phase.axis2)
+        yield from zip(ticks, rate1, accel1, jerk1, rate2, accel2, jerk2, strict=True)
 
 
 def _one_axis(

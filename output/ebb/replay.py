@@ -92,8 +92,31 @@ class Replay:
     def rows(self) -> Iterator[Rows]:
         """The rows, in chunks of at most about 65536."""
         self._shift = self.start_steps
+        # One piece of a plan is one T3: by far the most common, so it is looked for first.
+        plain = not self.firmware.old_arithmetic
         for entry in self.program:
             item = entry.item if isinstance(entry, Line) else entry
+            if plain and type(item) is T3 and item.clear is None and item.intervals <= _LONGEST:
+                if not self._tags or self._tags[-1][1] is not self._tag:
+                    self._retag()
+                self._rows.append(
+                    (
+                        item.intervals,
+                        1,
+                        item.rate1,
+                        item.accel1,
+                        item.jerk1,
+                        item.rate2,
+                        item.accel2,
+                        item.jerk2,
+                        MOVE,
+                        self.commands,
+                    )
+                )
+                self.commands += 1
+                if len(self._rows) >= _CHUNK_ROWS:
+                    yield self._flush()
+                continue
             self._line = entry.number if isinstance(entry, Line) else 0
             if not isinstance(item, Command):
                 self._mark(item)
@@ -146,9 +169,7 @@ class Replay:
                 ((c.rate1a, 0, c.jerk1), (c.rate2a, 0, c.jerk2)),
                 ((c.rate1b, c.accel1, -c.jerk1), (c.rate2b, c.accel2, -c.jerk2)),
             )
-            return self._fits(c, c.intervals, *halves[0]) and all(
-                [self._timed(c, c.intervals, one, two, index, sure=True) for one, two in halves]
-            )
+            return all([self._timed(c, c.intervals, one, two, index) for one, two in halves])
         if (isinstance(c, SM) and not c.steps1 and not c.steps2) or (isinstance(c, XM) and not c.steps_a and not c.steps_b):
             self._still(min(c.duration_ms, self.firmware.max_delay_ms) * TICKS_PER_MS, WAIT, index)
             return True
@@ -157,15 +178,10 @@ class Replay:
             return True
         return False
 
-    def _fits(self, command: Command, ticks: int, one: tuple[int, int, int], two: tuple[int, int, int]) -> bool:
-        if self.firmware.old_arithmetic or command.clear is not None or ticks > _LONGEST:  # type: ignore[attr-defined]
-            return False
-        return all(abs(rate) + (abs(accel) + abs(jerk) * ticks) * ticks < _STEEPEST for rate, accel, jerk in (one, two))
-
     def _timed(
-        self, command: Command, ticks: int, one: tuple[int, int, int], two: tuple[int, int, int], index: int, sure: bool = False
+        self, command: T3 | LT | TD, ticks: int, one: tuple[int, int, int], two: tuple[int, int, int], index: int
     ) -> bool:
-        if not sure and not self._fits(command, ticks, one, two):
+        if self.firmware.old_arithmetic or command.clear is not None or ticks > _LONGEST:
             return False
         self._retag()
         self._rows.append((ticks, 1, *one, *two, MOVE, index))
@@ -281,7 +297,9 @@ class Replay:
         r0 = rate - _truncated(accel, 2) + _truncated(jerk, 6)
         t = ticks[:, None]
         total = r0 * t + accel * (t * (t + 1) // 2) + jerk * ((t - 1) * t * (t + 1) // 6)
-        for i, axis in np.argwhere(_leaves_registers(r0, accel, jerk, t)):
+        # What int64 cannot add up has long left the registers.
+        steep = np.abs(rate) + (np.abs(accel) + np.abs(jerk) * t.astype(np.float64)) * t > _STEEPEST
+        for i, axis in np.argwhere(steep | _leaves_registers(r0, accel, jerk, t)):
             wrapped = arithmetic.Profile(int(r0[i, axis]), int(accel[i, axis]), int(jerk[i, axis]))
             total[i, axis] = arithmetic.wrapped_total(wrapped, int(ticks[i]))
             self._overflow(f"command {int(raw[i, 9]) + 1}")

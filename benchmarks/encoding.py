@@ -1,0 +1,51 @@
+"""Encoding and verifying a million pieces: seconds and memory, with nothing merged so that all of them are commands."""
+
+from __future__ import annotations
+
+import resource
+import time
+
+import numpy as np
+
+from output.ebb.encode import BoardSetup, PenCommands, Sizing, encode
+from output.ebb.firmware import firmware
+from output.ebb.verify import verify
+from planning.motion.limits import Kinematics
+from planning.motion.plan import Draw, Motion
+
+PIECES = 1_000_000
+
+
+def walk(pieces: int, ticks: int = 250) -> Motion:
+    """A smooth random walk: the uniform cubic B-spline over random control points, rest to rest."""
+    rng = np.random.default_rng(1)
+    heading = np.cumsum(rng.normal(0.0, 0.4, pieces - 2))
+    step_mm = rng.random(pieces - 2)
+    points = np.cumsum(step_mm[:, None] * np.column_stack((np.cos(heading), np.sin(heading))), axis=0)
+    c = np.vstack((points[:1], points[:1], points, points[-1:], points[-1:]))
+    h = ticks * 40e-6
+    acceleration = (c[:-2] - 2 * c[1:-1] + c[2:]) / h**2
+    position = (c[:-2] + 4 * c[1:-1] + c[2:]) / 6
+    velocity = (c[2:] - c[:-2]) / (2 * h)
+    jerk = np.diff(acceleration, axis=0) / h
+    return Motion(np.full(len(jerk), h), position[:-1], velocity[:-1], acceleration[:-1], jerk, position[-1])
+
+
+def run() -> None:
+    """Print the figures."""
+    kinematics = Kinematics(np.array([[80.0, 80.0], [80.0, -80.0]]), 25000.0)
+    motion = walk(PIECES)
+    for text, merge_steps in (("every piece a command", 0.0), ("merged as usual", 0.1)):
+        setup = BoardSetup(kinematics, firmware(), PenCommands(16000, 24000, 400, 400), sizing=Sizing(merge_steps=merge_steps))
+        started = time.perf_counter()
+        report = verify(encode([Draw(motion, 0)], setup), firmware(), kinematics)
+        took = time.perf_counter() - started
+        peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        print(
+            f"encoding and verifying {len(motion)} pieces, {text}: {report.commands} commands, {took:.1f} s, "
+            f"peak {peak_mb:.0f} MB, {report.duration_s:.0f} s of plotting"
+        )
+
+
+if __name__ == "__main__":
+    run()
