@@ -18,17 +18,20 @@ from dataclasses import dataclass
 
 from output.ebb.abilities import Abilities
 from output.ebb.conversation import Conversation
-from output.errors import LinkLost
+from output.errors import BoardRefused, LinkLost
 
 DEADLINE_S = 0.5
+_PEN_TIMEOUT_S = 1.5
+_ASK_EVERY_S = 0.02
 
 _ES_ANSWER = re.compile(r"(ES,)?[01](,-?\d+,-?\d+,-?\d+,-?\d+)?")
 
 
 @dataclass(frozen=True, slots=True)
 class StopReport:
-    """What became of a safe stop. `pen_up`: the board acknowledged the raising; `interrupted`: motion was cut off by it (None
-    when the board did not say), so that the position is counted but physically suspect; `took_s` on the host's clock."""
+    """What became of a safe stop. `pen_up`: the board says that the pen is sent up; `interrupted`: motion was cut off by it
+    (None when the board did not say), so that the position is counted but physically suspect; `took_s` from the writing of the
+    stop to its answers, on the host's clock."""
 
     pen_up: bool
     interrupted: bool | None
@@ -64,12 +67,27 @@ def safe_stop(
         interrupted, answered = _await_answers(talk, commands, began + deadline_s)
         took_s = talk.clock() - began
         in_step = talk.resync(deadline_s)
-    except LinkLost as error:
+        pen_up = in_step and _wait_for_pen(talk)
+    except (LinkLost, BoardRefused) as error:
         return StopReport(False, None, talk.clock() - began, f"the stop could not be sent: {error}")
-    if answered:
+    if pen_up and answered:
         return StopReport(True, interrupted, took_s, "stopped, pen up")
-    state = "but it answers again now" if in_step else "and it answers nothing"
-    return StopReport(in_step, interrupted, took_s, f"the board did not confirm the stop within {deadline_s:g} s, {state}")
+    late = f"the board did not confirm the stop within {deadline_s:g} s"
+    state = "but its pen is up now" if pen_up else "and its pen is not up" if in_step else "and it answers nothing"
+    return StopReport(pen_up, interrupted, took_s, f"{late}, {state}")
+
+
+def _wait_for_pen(talk: Conversation) -> bool:
+    """The board's own word that the pen has been sent up.
+
+    Firmware 2 does not take servo moves and delays out of its queue at ES: the raising may have to wait for one of each.
+    """
+    end = talk.clock() + _PEN_TIMEOUT_S
+    while talk.ask("QP") != "1":
+        if talk.clock() >= end:
+            return False
+        talk.receive(_ASK_EVERY_S)
+    return True
 
 
 def _await_answers(talk: Conversation, commands: list[str], deadline: float) -> tuple[bool | None, bool]:

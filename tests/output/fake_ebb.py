@@ -211,6 +211,8 @@ class FakeEbb:
             return self._ok(wire, str(data) if self.future else f"QU,{data}") + (b"\n" if self.future else b"")
         if name == "QM":
             return self._ok(wire, f"QM,{int(self.executing is not None)},0,0,{int(bool(self.fifo))}", ok=False)
+        if name == "QP":
+            return self._ok(wire, str(int(self.pen_up)))
         if name == "QS":
             return self._ok(wire, f"{self.steps[0]},{self.steps[1]}")
         if name == "SN":
