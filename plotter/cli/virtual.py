@@ -20,6 +20,7 @@ from output.ebb.virtual.server import make_server
 @click.option("--faults", type=click.Path(path_type=Path), help="JSON file that says what goes wrong, and when.")
 @click.option("--nickname", default="", help="The board's name tag.")
 @click.option("--pen-down", is_flag=True, help="Start with the pen on the paper.")
+@click.option("--patience", type=click.FloatRange(0, 60), default=0.0, help="Seconds it waits for the host before it runs dry.")
 @click.option("--json", "as_json", is_flag=True, help="Print the port as JSON.")
 def virtual(
     link: Path | None,
@@ -29,6 +30,7 @@ def virtual(
     faults: Path | None,
     nickname: str,
     pen_down: bool,
+    patience: float,
     as_json: bool,
 ) -> None:
     """Run a virtual EiBotBoard until Ctrl-C.
@@ -41,7 +43,14 @@ def virtual(
       plotter virtual --firmware 2.8.1 --speed 10 --record drawn.json
     """
     server = make_server(
-        firmware=firmware, link=link, speed=speed, record=record, faults=faults, nickname=nickname, pen_down=pen_down
+        firmware=firmware,
+        link=link,
+        speed=speed,
+        record=record,
+        faults=faults,
+        nickname=nickname,
+        pen_down=pen_down,
+        patience_s=patience,
     )
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: server.stop())

@@ -299,6 +299,24 @@ def test_a_reboot_forgets_everything_and_keeps_the_port_if_asked() -> None:
         assert board.state()["position"] == [0, 0]
 
 
+def test_rb_drops_the_port_and_comes_back_as_after_power_on(tmp_path: Path) -> None:
+    link = tmp_path / "ebb"
+    with start_virtual_board(speed=20, pty=link, nickname="East") as board:
+        host = Host(board.port)
+        host.handshake()
+        host.port.write(b"RB\r")
+        with pytest.raises((serial.SerialException, OSError)):
+            while True:
+                host.line(0.05)
+        deadline = time.monotonic() + DEADLINE_S
+        while board.state()["port"] is None or board.state()["now_tick"] < TICKS_PER_S:
+            assert time.monotonic() < deadline
+        again = Host(str(link))
+        assert again.ask(b"QT") == b"East\r\n"
+        again.port.close()
+        host.port.close()
+
+
 def test_the_supply_dips_and_the_flag_stays() -> None:
     with faulty(fault="power", at={"command": 4}, for_s=0.03) as (board, host):
         host.handshake()
