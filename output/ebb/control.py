@@ -86,3 +86,11 @@ def signals_stop(flag: StopFlag) -> Iterator[None]:
     finally:
         for number, old in before.items():
             signal.signal(number, signal.SIG_DFL if old is None else old)
+
+
+def ignore_signals() -> None:
+    """For the last moments of a program that a signal has ended: an impatient second Ctrl-C must not spoil its exit code."""
+    if threading.current_thread() is threading.main_thread():
+        for name in _SIGNALS:
+            if hasattr(signal, name):
+                signal.signal(getattr(signal, name), signal.SIG_IGN)
