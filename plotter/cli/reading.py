@@ -26,8 +26,11 @@ _BUDGET_FLAGS = {
     "elements": ("--max-elements", "elements, counting what each <use> repeats"),
     "nesting": ("--max-nesting", "levels of nesting, at most 400"),
     "uses": ("--max-uses", "expanded <use> elements"),
+    "markers": ("--max-markers", "drawn markers"),
     "points": ("--max-points", "points of all polylines"),
     "dashes": ("--max-dashes", "dashes"),
+    "characters": ("--max-characters", "characters of text"),
+    "selector_tests": ("--max-selector-tests", "tests of a style selector on an element"),
 }
 
 

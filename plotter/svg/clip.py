@@ -14,35 +14,42 @@ _MARGIN_MM = 2 * ON_BOUNDARY_MM
 
 
 class Clip:
-    """One clip. Its region is made ready when the first polyline is not plainly inside or outside of it."""
+    """One clip. Its area and region are made when the first polyline is not plainly inside or outside of it."""
 
-    def __init__(self, area: BaseGeometry) -> None:
+    def __init__(self, area: BaseGeometry | None, corners: tuple[tuple[float, float], ...] = ()) -> None:
         self._area = area
+        self._corners = corners
         self._region: Region | None = None
-        self.box: tuple[float, float, float, float] = shapely.bounds(area).tolist()
-        self._is_box = False
+        if area is None:
+            xs, ys = [x for x, _ in corners], [y for _, y in corners]
+            self.box = (min(xs), min(ys), max(xs), max(ys))
+            self._is_box = all(x in (self.box[0], self.box[2]) and y in (self.box[1], self.box[3]) for x, y in corners)
+            return
+        bounds = shapely.bounds(area).tolist()
+        self.box = (bounds[0], bounds[1], bounds[2], bounds[3])
+        self._is_box = bool(area.area == (bounds[2] - bounds[0]) * (bounds[3] - bounds[1]))
 
     @classmethod
     def of_box(cls, matrix: Matrix, x: float, y: float, width: float, height: float) -> Clip:
         """The rectangle x, y, width, height in the units of `matrix`."""
-        corners = [apply(matrix, *corner) for corner in ((x, y), (x + width, y), (x + width, y + height), (x, y + height))]
-        clip = cls(shapely.Polygon(corners))
-        clip._is_box = matrix[1] == matrix[2] == 0 or matrix[0] == matrix[3] == 0
-        return clip
+        right, bottom = x + width, y + height
+        return cls(None, (apply(matrix, x, y), apply(matrix, right, y), apply(matrix, right, bottom), apply(matrix, x, bottom)))
 
     @property
     def area(self) -> BaseGeometry:
+        if self._area is None:
+            self._area = shapely.Polygon(self._corners)
         return self._area
 
     @property
     def region(self) -> Region:
         if self._region is None:
-            self._region = Region(self._area)
+            self._region = Region(self.area)
         return self._region
 
     def apply(self, piece: Piece) -> list[Piece]:
         """The parts of `piece` inside; what runs along the edge is kept, as half of its ink would show."""
-        if self._area.is_empty:
+        if self._area is not None and self._area.is_empty:
             return []
         low, high = piece.points.min(axis=0), piece.points.max(axis=0)
         left, top, right, bottom = self.box

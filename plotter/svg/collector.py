@@ -11,7 +11,7 @@ import numpy as np
 from plotter.errors import BadInput
 from plotter.svg.clip import Clip
 from plotter.svg.dashes import Dashes
-from plotter.svg.flatten import PointBudget, Polylines, flatten
+from plotter.svg.flatten import FARTHEST_MM, BeyondNumbers, PointBudget, Polylines, flatten
 from plotter.svg.matrix import Matrix
 from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
@@ -110,25 +110,24 @@ class Collector:
                 "{count} paths are damaged and were drawn up to the damage ({names})", f"{self._name_of(first + shape)}: {what}"
             )
         self._check_finite(commands, first)
-        segments = resolve(commands)
+        with np.errstate(over="ignore", invalid="ignore"):
+            segments = resolve(commands)
         shapes = self.shapes[first:]
         matrix = np.array([shape.matrix for shape in shapes]).reshape(-1, 6)
         tolerance = np.array([self._tolerance_mm(shape) for shape in shapes])
         budget = self._options.budgets.points
         try:
-            made = flatten(segments, matrix, tolerance, budget - self._spent.points)
+            with np.errstate(over="ignore", invalid="ignore"):
+                made = flatten(segments, matrix, tolerance, budget - self._spent.points)
+        except BeyondNumbers as error:
+            name = self._name_of(first + error.args[0])
+            raise BadInput(f"{name} is larger than {FARTHEST_MM / 1e6:g} km; correct its outline or its transform") from None
         except PointBudget as error:
             raise BadInput(
                 f"the drawing has at least {self._spent.points + error.args[0]} points and the limit is {budget}; "
                 "raise --max-points or --tolerance-curve"
             ) from None
         self._spent.points += len(made.points)
-        if not np.isfinite(made.points).all():
-            bad = int(np.flatnonzero(~np.isfinite(made.points).all(axis=1))[0])
-            shape = int(made.path[np.searchsorted(made.offset, bad, "right") - 1])
-            raise BadInput(
-                f"{self._name_of(first + shape)} reaches beyond any number; correct its coordinates or its transform"
-            )
         made.path[:] += first
         self._done.append(made)
 

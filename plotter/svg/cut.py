@@ -65,32 +65,34 @@ class Region:
     def crossings(self, points: Floats) -> tuple[Ints, Floats]:
         """Segments of the polyline that meet the boundary, and where on them (0 to 1); also where an edge along them ends."""
         tree = self._ready()
-        lines = shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1))
-        segment, edge = tree.query(lines)
-        if not len(segment):
-            return np.zeros(0, np.int64), np.zeros(0)
-        p, d = points[segment], points[segment + 1] - points[segment]
-        q = self._ends[edge, 0]
-        e = self._ends[edge, 1] - q
-        across = d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0]
-        size = np.hypot(*d.T) * np.hypot(*e.T)
-        gap = q - p
-        crossed = np.abs(across) > 1e-12 * size
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = (gap[:, 0] * e[:, 1] - gap[:, 1] * e[:, 0]) / across
-            s = (gap[:, 0] * d[:, 1] - gap[:, 1] * d[:, 0]) / across
-        slack = 1e-9
-        good = crossed & (s >= -slack) & (s <= 1 + slack) & (t > 0) & (t < 1)
-        along_segment, along_t = [segment[good]], [t[good]]
-        flat = np.flatnonzero(~crossed & (size > 0))
-        for end in (0, 1):
-            # Parallel to the edge: the edge's ends may divide the segment, if the two lie on one line.
-            offset = self._ends[edge[flat], end] - p[flat]
-            t_end = (offset * d[flat]).sum(axis=1) / (d[flat] ** 2).sum(axis=1)
-            on = (t_end > 0) & (t_end < 1)
-            along_segment.append(segment[flat[on]])
-            along_t.append(t_end[on])
-        return np.concatenate(along_segment), np.concatenate(along_t)
+        segment, edge = tree.query(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
+        return meetings(points, segment, self._ends[edge])
+
+
+def meetings(points: Floats, segment: Ints, edges: Floats) -> tuple[Ints, Floats]:
+    """Where segments of a polyline meet edges, pair by pair: `segment` (m,) and `edges` (m, 2, 2). Gives the segments and the
+    place on them, 0 to 1; for an edge along a segment the places of the edge's ends."""
+    p, d = points[segment], points[segment + 1] - points[segment]
+    q = edges[:, 0]
+    e = edges[:, 1] - q
+    across = d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0]
+    size = np.hypot(d[:, 0], d[:, 1]) * np.hypot(e[:, 0], e[:, 1])
+    gap = q - p
+    crossed = np.abs(across) > 1e-12 * size
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (gap[:, 0] * e[:, 1] - gap[:, 1] * e[:, 0]) / across
+        s = (gap[:, 0] * d[:, 1] - gap[:, 1] * d[:, 0]) / across
+    slack = 1e-9
+    good = crossed & (s >= -slack) & (s <= 1 + slack) & (t > 0) & (t < 1)
+    along_segment, along_t = [segment[good]], [t[good]]
+    flat = np.flatnonzero(~crossed & (size > 0))
+    for end in (0, 1) if len(flat) else ():
+        offset = edges[flat, end] - p[flat]
+        t_end = (offset * d[flat]).sum(axis=1) / (d[flat] ** 2).sum(axis=1)
+        on = (t_end > 0) & (t_end < 1)
+        along_segment.append(segment[flat[on]])
+        along_t.append(t_end[on])
+    return np.concatenate(along_segment), np.concatenate(along_t)
 
 
 def cut(piece: Piece, region: Region, *, inside: bool, boundary: bool) -> list[Piece]:
@@ -106,12 +108,12 @@ def cut(piece: Piece, region: Region, *, inside: bool, boundary: bool) -> list[P
     if not len(segment):
         middle = (points[:1] + points[1:2]) / 2
         return [piece] if bool(region.holds(middle, boundary=boundary_in)[0]) == inside else []
-    split, corner = _divide(piece, segment, t)
+    split, corner = divide(piece, segment, t)
     keep = region.holds((split[:-1] + split[1:]) / 2, boundary=boundary_in) == inside
-    return _runs(split, corner, keep)
+    return runs(split, corner, keep)
 
 
-def _divide(piece: Piece, segment: Ints, t: Floats) -> tuple[Floats, Bools]:
+def divide(piece: Piece, segment: Ints, t: Floats) -> tuple[Floats, Bools]:
     """The polyline with the crossings as points of their own, not marked as corners."""
     points = piece.points
     order = np.lexsort((t, segment))
@@ -127,7 +129,7 @@ def _divide(piece: Piece, segment: Ints, t: Floats) -> tuple[Floats, Bools]:
     return split[apart], corner[apart]
 
 
-def _runs(points: Floats, corner: Bools, keep: Bools) -> list[Piece]:
+def runs(points: Floats, corner: Bools, keep: Bools) -> list[Piece]:
     """Stretches of kept segments; a closed polyline whose seam is kept is not cut there."""
     if keep.all():
         return [Piece(points, corner)]
@@ -160,15 +162,20 @@ def dash(piece: Piece, position: Floats, pattern: Floats, offset: float, *, dots
     first = np.searchsorted(position, begin, "right")
     last = np.searchsorted(position, end, "left")
     ends = np.stack([np.interp(np.concatenate((begin, end)), position, piece.points[:, axis]) for axis in (0, 1)], axis=1)
-    found = []
-    for i, (a, b) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
-        if end[i] <= begin[i]:
-            found.append(Piece(ends[i : i + 1], np.ones(1, bool)))
-            continue
-        points = np.concatenate((ends[i : i + 1], piece.points[a:b], ends[len(begin) + i : len(begin) + i + 1]))
-        corner = np.concatenate(([True], piece.corner[a:b], [True]))
-        found.append(Piece(points, corner))
-    return found
+    inner = np.maximum(last - first, 0)
+    is_dot = end <= begin
+    inner[is_dot] = 0
+    count = np.where(is_dot, 1, inner + 2)
+    stop = np.cumsum(count)
+    start = stop - count
+    points, corner = np.empty((int(count.sum()), 2)), np.ones(int(count.sum()), bool)
+    points[stop - 1] = ends[len(begin) :]
+    points[start] = ends[: len(begin)]
+    row = np.repeat(np.arange(len(begin)), inner)
+    step = np.arange(len(row)) - np.repeat(np.cumsum(inner) - inner, inner)
+    points[start[row] + 1 + step] = piece.points[first[row] + step]
+    corner[start[row] + 1 + step] = piece.corner[first[row] + step]
+    return [Piece(points[a:b], corner[a:b]) for a, b in zip(start.tolist(), stop.tolist(), strict=True)]
 
 
 def dash_count(total: float, pattern: Floats) -> float:

@@ -20,6 +20,9 @@ SODIPODI = "http://sodipodi.sourceforge.net/DTD/sodipodi-0.dtd"
 
 _GZIP = b"\x1f\x8b"
 _CHUNK_BYTES = 1 << 20
+# Attributes form a chain that takes the square of its length to list.
+_MOST_ATTRIBUTES = 1000
+_CROWDED = etree.XPath(f"boolean(//*[@*[{_MOST_ATTRIBUTES + 1}]])")
 _QUOTED = rb"(?:\"[^\"]*\"|'[^']*')"
 _DOCTYPE = re.compile(
     rb"<!DOCTYPE\s+([^\s\[>]+)\s*(?:PUBLIC\s*" + _QUOTED + rb"\s*" + _QUOTED + rb"?|SYSTEM\s*" + _QUOTED + rb")"
@@ -55,6 +58,8 @@ def parse_document(data: bytes, name: str, budgets: Budgets, notes: Notes) -> An
             f"{name} has about {tags} elements and the limit is {budgets.elements}; raise --max-elements if it is meant"
         )
     root = _parse(data, name, budgets, has_entities)
+    if data.count(b"=") > _MOST_ATTRIBUTES and _CROWDED(root):
+        raise BadInput(f"{name} has an element with more than {_MOST_ATTRIBUTES} attributes; remove them")
     return _svg_root(root, name, notes)
 
 

@@ -20,7 +20,11 @@ SMOOTH_JOIN_RAD = np.radians(1.0)
 NOTHING_MM = 1e-9
 ROUNDING_MM = 1e-4
 
+# A thousand kilometres: what is larger is a mistake, and its curves would take all points there are.
+FARTHEST_MM = 1e9
+
 _EVALUATED_AT_ONCE = 200_000
+_ENDLESS = 2.0**40
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -40,7 +44,8 @@ def flatten(segments: Segments, matrix: Floats, tolerance_mm: float | Floats, po
     """Polylines of `segments`; `matrix` (paths, 6) maps each path's units to page millimetres;
     `tolerance_mm` is one for all or (paths,).
 
-    Raises PointBudget before anything is allocated where more than `point_budget` points would be made.
+    Raises BeyondNumbers where a segment is beyond reason, and PointBudget, before anything is allocated, where more than
+    `point_budget` points would be made.
     """
     mapped = _to_page(segments, matrix)
     keep = mapped.extent > np.where(segments.closing, ROUNDING_MM, NOTHING_MM)
@@ -52,7 +57,10 @@ def flatten(segments: Segments, matrix: Floats, tolerance_mm: float | Floats, po
     wanted = used | dot
     each_tolerance_mm = np.broadcast_to(tolerance_mm, len(matrix))[segments.path[segments.subpath]]
     pieces = _pieces(mapped, segments.kind, keep, each_tolerance_mm)
-    total = int(pieces.sum()) + int(wanted.sum())
+    beyond = np.flatnonzero(~(mapped.extent < FARTHEST_MM))
+    if len(beyond):
+        raise BeyondNumbers(int(segments.path[segments.subpath[beyond[0]]]))
+    total = int(pieces.sum(dtype=np.float64)) + int(wanted.sum())
     if total > point_budget:
         raise PointBudget(total)
 
@@ -80,6 +88,10 @@ def flatten(segments: Segments, matrix: Floats, tolerance_mm: float | Floats, po
         joined = sub[1:] == sub[:-1]
         corner[last[:-1][joined]] = _turns(arriving[:-1][joined], leaving[1:][joined])
     return Polylines(out, corner, offset, segments.path[wanted], closed, dot[wanted])
+
+
+class BeyondNumbers(Exception):
+    """A segment is longer than FARTHEST_MM, or not finite; `args[0]` is its path."""
 
 
 class PointBudget(Exception):
@@ -165,7 +177,7 @@ def _pieces(mapped: _Mapped, kind: NDArray[np.uint8], keep: Bools, tolerance_mm:
         step = 4 * np.arcsin(np.sqrt(np.minimum(tolerance_mm[mapped.arc_rows] / np.maximum(r, NOTHING_MM) / 2, 0.5)))
         need[mapped.arc_rows] = np.abs(mapped.sweep) / np.minimum(step, np.pi / 4)
     need = np.ceil(need[keep] * (1 - 1e-12))
-    return np.clip(need, 1, 2.0**40).astype(np.int64)
+    return np.clip(np.where(np.isnan(need), _ENDLESS, need), 1, _ENDLESS).astype(np.int64)
 
 
 def _longest_half_axis(u: Floats, v: Floats) -> Floats:

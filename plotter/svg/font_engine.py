@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 _MEMORY_BYTES = 400_000_000
-_TIME_S = 30.0
+_TIME_S = 20.0
 _FACE = re.compile(r"^(/fonts\d*/.*): '(.*) \([^()]*\)', \d+, ", re.MULTILINE)
 
 

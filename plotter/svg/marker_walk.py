@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from dataclasses import replace
@@ -44,10 +45,7 @@ class Markers:
         found = {place: self._named(context.style, place, element) for place in _PLACES}
         if not any(marker is not None for marker in found.values()):
             return
-        commands, _ = parse_paths([data])
-        if not len(commands.code) or not np.isfinite(commands.numbers).all():
-            return
-        stops = vertices(resolve(commands))
+        stops = _stops(data)
         for i, stop in enumerate(stops):
             # A path of one vertex bears its start and its end marker on it.
             places = [
@@ -60,7 +58,8 @@ class Markers:
                     self._one(found[place], stop, context, start=place == "marker-start")
 
     def _named(self, style: Style, place: str, element: Any) -> Any:
-        match = _URL.match(style.inherited.get(place, "none"))
+        value = style.inherited.get(place, "none")
+        match = _URL.match(value) if value != "none" else None
         if match is None:
             return None
         found = self._walk.by_id(match[1])
@@ -76,7 +75,7 @@ class Markers:
         if any(marker is one for one in context.uses):
             walk.notes.add("{count} markers refer to themselves and were left out")
             return
-        walk.count_use()
+        walk.count_marker()
         style = walk.style_in_place(marker)
         frame = context.frame
         if not style.displayed:
@@ -115,6 +114,15 @@ class Markers:
     def _reference(self, marker: Any, name: str, frame: Frame, percent_of: float) -> float:
         text = (marker.get(name) or "0").strip()
         return self._walk.number(marker, name, _REFERENCE.get(text, text), frame, percent_of) or 0.0
+
+
+@functools.lru_cache(maxsize=256)
+def _stops(data: str) -> list[Vertex]:
+    """The vertices of path data; none where it is not finite."""
+    commands, _ = parse_paths([data])
+    if not len(commands.code) or not np.isfinite(commands.numbers).all():
+        return []
+    return vertices(resolve(commands))
 
 
 def _angle(orient: str | None, along: float, *, start: bool) -> float:

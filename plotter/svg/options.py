@@ -22,8 +22,11 @@ class Budgets:
     elements: int = 2_000_000
     nesting: int = 256
     uses: int = 100_000
+    markers: int = 50_000
     points: int = 20_000_000
-    dashes: int = 1_000_000
+    dashes: int = 300_000
+    characters: int = 100_000
+    selector_tests: int = 2_000_000
 
     def __post_init__(self) -> None:
         for name in self.__slots__:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from plotter.svg.stylesheet import Stylesheet
 from plotter.svg.text import draw_texts
 from plotter.svg.walk import Walk
 
+_FRAMES = 4000
+
 
 def read_drawing(source: Path | bytes, options: ReadOptions | None = None) -> Drawing:
     """The strokes of an SVG or gzipped SVG file, or of its bytes, in document order and page millimetres.
@@ -29,10 +32,21 @@ def read_drawing(source: Path | bytes, options: ReadOptions | None = None) -> Dr
     """
     options = options or ReadOptions()
     name, data = _load(source, options)
+    usual = sys.getrecursionlimit()
+    # The walk takes up to five frames for each level of nesting, whose budget is checked as it goes.
+    sys.setrecursionlimit(max(usual, _FRAMES))
+    try:
+        return _read(name, data, options)
+    except RecursionError:
+        raise BadInput(f"{name} is nested too deeply somewhere (style sheet, text or clip paths); simplify it") from None
+    finally:
+        sys.setrecursionlimit(usual)
+
+
+def _read(name: str, data: bytes, options: ReadOptions) -> Drawing:
     notes = Notes()
     root = parse_document(data, name, options.budgets, notes)
-    del data
-    cascade = Cascade(Stylesheet(root, _style_texts(root), notes))
+    cascade = Cascade(Stylesheet(root, _style_texts(root), notes, options.budgets.selector_tests))
     layering = Layering(root, options.layers, notes)
     walk = Walk(root, cascade, layering, options, notes)
     walk.run()

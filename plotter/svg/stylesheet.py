@@ -12,6 +12,7 @@ from typing import Any
 import cssselect2
 import tinycss2
 
+from plotter.errors import BadInput
 from plotter.svg.notes import Notes
 
 # name, value, important
@@ -19,6 +20,8 @@ Declaration = tuple[str, str, bool]
 
 _SIMPLE = re.compile(r"^(?P<type>[A-Za-z][\w-]*|\*)?(?P<rest>(?:[.#][A-Za-z_][\w-]*)*)$")
 _PART = re.compile(r"[.#][A-Za-z_][\w-]*")
+# Making a selector ready takes as long as this many tests of it.
+_COMPILING = 400
 _PLAIN = re.compile(r"[\"'\\{}\[\]@!]|/\*|data:")
 
 
@@ -35,13 +38,14 @@ class _Rule:
 class Stylesheet:
     """All the document's style sheets. `matched` gives the rules for an element; it is empty and quick without sheets."""
 
-    def __init__(self, root: Any, texts: list[str], notes: Notes) -> None:
+    def __init__(self, root: Any, texts: list[str], notes: Notes, test_budget: int) -> None:
         self._by_key: dict[str, list[_Rule]] = {}
         self._complex: list[_Rule] = []
         self._wrappers: dict[Any, Any] | None = None
         self._root = root
         self._notes = notes
         self._order = 0
+        self._tests_left = self._test_budget = test_budget
         for text in texts:
             self._read(tinycss2.parse_stylesheet(text, skip_comments=True, skip_whitespace=True))
         self.uses_ids = any(key.startswith("#") for key in self._by_key) or any(
@@ -87,6 +91,7 @@ class Stylesheet:
                 self._by_key.setdefault(key, []).append(rule)
                 return
         try:
+            self._spend(_COMPILING)
             for selector in cssselect2.compile_selector_list(text):
                 if not selector.never_matches and selector.pseudo_element is None:
                     self._complex.append(_Rule((selector.specificity, self._order), declarations, selector=selector))
@@ -112,9 +117,29 @@ class Stylesheet:
         if self._complex:
             wrapper = self._wrapper(element)
             if wrapper is not None:
-                found += [rule for rule in self._complex if rule.selector.test(wrapper)]
+                found += self._tested(wrapper, kind, name, classes)
         found.sort(key=lambda rule: rule.rank)
         return tuple(found)
+
+    def _tested(self, wrapper: Any, kind: str, name: str | None, classes: set[str]) -> list[_Rule]:
+        """Rules whose selectors cssselect2 finds to hold; only those are tried whose last part can fit the element."""
+        found = []
+        for rule in self._complex:
+            last = rule.selector
+            if last.local_name not in (None, kind) or last.id not in (None, name) or last.class_name not in (None, *classes):
+                continue
+            self._spend(1)
+            if last.test(wrapper):
+                found.append(rule)
+        return found
+
+    def _spend(self, tests: int) -> None:
+        self._tests_left -= tests
+        if self._tests_left < 0:
+            raise BadInput(
+                f"the style sheets need more than {self._test_budget} tests of a selector on an element; "
+                "simplify them or raise --max-selector-tests"
+            )
 
     def _wrapper(self, element: Any) -> Any:
         if self._wrappers is None:

@@ -45,8 +45,11 @@ _FONT = (
 )
 _FONT_OWN = ("baseline-shift", "alignment-baseline")
 _TEXTS = frozenset(("text", "tspan", "textPath", "a", "tref"))
-# A text this long is no label; the engine's time grows faster than its length.
-MOST_CHARACTERS = 200_000
+# The engine opens its font anew for every text, which takes milliseconds.
+_MANY_TEXTS = 200
+_MANY_CHARACTERS = 5000
+_LAST_PLAIN = "\u024f"
+_NOT_PLAIN = frozenset(("textLength", "word-spacing", "writing-mode", "direction", "dominant-baseline", "baseline-shift"))
 
 _GENERIC = {
     "sans-serif": ("Arial", "Helvetica", "Liberation Sans", "DejaVu Sans", "Noto Sans", "Verdana"),
@@ -61,9 +64,11 @@ def draw_texts(walk: Walk) -> None:
     far too much text."""
     texts = walk.texts
     characters = sum(len(text) for pending in texts for text in pending.element.itertext())
-    if characters > MOST_CHARACTERS:
+    limit = walk.options.budgets.characters
+    if characters > limit:
         raise BadInput(
-            f"the drawing has {characters} characters of text and the limit is {MOST_CHARACTERS}; --text skip leaves it out"
+            f"the drawing has {characters} characters of text and the limit is {limit}; "
+            "raise --max-characters, or leave text out with --text skip"
         )
     if texts and walk.options.text == "single":
         if text_single.available():
@@ -109,8 +114,9 @@ class _Outlines:
         frame = texts[0].context.frame
         for name, size in (("width", frame.width), ("height", frame.height)):
             self._root.set(name, repr(max(1.0, size)))
+        set_here = self._set_here(texts)
         for i, pending in enumerate(texts):
-            if _runs_on_path(self._walk, pending.element):
+            if i in set_here:
                 self._want_glyphs(pending.element, pending.context.style, pending.context.frame)
             else:
                 group = etree.SubElement(self._root, f"{{{SVG}}}g", id=f"t{i}")
@@ -124,9 +130,14 @@ class _Outlines:
             elif name.startswith("c"):
                 self._glyphs.read(int(name[1:]), group)
         layout = Layout(self._walk, self._glyphs.advance)
-        for pending in texts:
-            if _runs_on_path(self._walk, pending.element):
-                self._place(layout, pending)
+        for i in sorted(set_here):
+            self._place(layout, texts[i])
+
+    def _set_here(self, texts: list[PendingText]) -> set[int]:
+        """Texts to be set glyph by glyph: those along a path, and where there is much text all that is plain enough."""
+        characters = sum(len(part) for text in texts for part in text.element.itertext())
+        much = len(texts) > _MANY_TEXTS or characters > _MANY_CHARACTERS
+        return {i for i, text in enumerate(texts) if _runs_on_path(self._walk, text.element) or (much and _is_plain(text))}
 
     def _want_glyphs(self, element: Any, style: Style, frame: Frame) -> None:
         """Orders the glyphs of every character below `element`."""
@@ -240,3 +251,13 @@ class _Outlines:
 
 def _runs_on_path(walk: Walk, element: Any) -> bool:
     return any(walk.kind(one.tag) == "textPath" for one in element.iter())
+
+
+def _is_plain(pending: PendingText) -> bool:
+    """Latin letters in a row, which need no more than advances and kerning."""
+    if any(name in pending.context.style.inherited for name in _NOT_PLAIN):
+        return False
+    for element in pending.element.iter():
+        if any(element.get(name) is not None for name in _NOT_PLAIN) or "baseline" in (element.get("style") or ""):
+            return False
+    return all(part.isascii() or max(part) <= _LAST_PLAIN for part in pending.element.itertext() if part)

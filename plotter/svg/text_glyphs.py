@@ -26,6 +26,8 @@ class Glyphs:
         self._numbers: dict[tuple[Any, ...], int] = {}
         self._outlines: dict[int, str] = {}
         self._rulers: dict[int, float] = {}
+        self._is_ruler: set[int] = set()
+        self._alone: dict[int, float] = {}
 
     @staticmethod
     def _key(character: str, style: Style) -> tuple[Any, ...]:
@@ -37,6 +39,8 @@ class Glyphs:
         if key in self._numbers:
             return None
         self._numbers[key] = len(self._numbers)
+        if character == self.RULER:
+            self._is_ruler.add(self._numbers[key])
         return self._numbers[key]
 
     def read(self, number: int, group: Any) -> None:
@@ -44,9 +48,10 @@ class Glyphs:
         for path in group.iter(f"{{{SVG}}}path"):
             if path.get("fill") == "#000001":
                 self._outlines[number] = path.get("d", "")
+                if number in self._is_ruler:
+                    self._alone[number] = _left(path.get("d", ""))
             else:
-                commands, _ = parse_paths([path.get("d", "")])
-                self._rulers[number] = float(resolve(commands).points[:, :, 0].min(initial=np.inf))
+                self._rulers[number] = _left(path.get("d", ""))
 
     def outline(self, character: str, style: Style) -> str:
         return self._outlines.get(self._numbers.get(self._key(character, style), -1), "")
@@ -62,8 +67,11 @@ class Glyphs:
     def _pushed(self, text: str, style: Style) -> float:
         """How far `text` pushes the ruler."""
         at = self._rulers.get(self._numbers.get(self._key(text, style), -1))
-        ruler = self._numbers.get(self._key(self.RULER, style))
-        if at is None or ruler is None or ruler not in self._outlines:
-            return 0.0
-        commands, _ = parse_paths([self._outlines[ruler]])
-        return at - float(resolve(commands).points[:, :, 0].min(initial=np.inf))
+        alone = self._alone.get(self._numbers.get(self._key(self.RULER, style), -1))
+        return 0.0 if at is None or alone is None else at - alone
+
+
+def _left(data: str) -> float:
+    """Least x of an outline."""
+    commands, _ = parse_paths([data])
+    return float(resolve(commands).points[:, :, 0].min(initial=np.inf))

@@ -14,6 +14,7 @@ from plotter.svg.colors import Paint
 from plotter.svg.context import Context, PendingText
 from plotter.svg.dashes import dashes_of
 from plotter.svg.document import SVG, XLINK
+from plotter.svg.expansion import count_uses
 from plotter.svg.flatten import Polylines
 from plotter.svg.layers import Layering
 from plotter.svg.lengths import MM_PER_IN, Frame, NotFinite, parse_length
@@ -76,16 +77,21 @@ class Walk:
         self.markers = Markers(self)
         self._gathering = False
         self._root_style: Style | None = None
+        self._styles_in_place: dict[Any, Style] = {}
         self._kinds: dict[Any, str] = {}
         self._transforms: dict[str, Matrix | None] = {}
         self._by_id: dict[str, Any] | None = None
         self.use_count = 0
         self._element_count = 0
+        self._marker_count = 0
 
     # ---- page
 
     def run(self) -> None:
         """Raises BadInput."""
+        limit = self.options.budgets.uses
+        if count_uses(self.root, limit) > limit:
+            raise BadInput(f"the drawing expands more than {limit} <use> elements; raise --max-uses if it is meant")
         px_per_in = self.options.px_per_in
         mm = MM_PER_IN / px_per_in
         box = self.view_box(self.root)
@@ -352,6 +358,9 @@ class Walk:
 
     def style_in_place(self, element: Any) -> Style:
         """The style of an element as its own ancestors make it, whoever refers to it."""
+        known = self._styles_in_place.get(element)
+        if known is not None:
+            return known
         chain = [element, *element.iterancestors()]
         frame = Frame(self.width_mm, self.height_mm, 16.0, self.options.px_per_in)
         if self._root_style is None:
@@ -359,6 +368,7 @@ class Walk:
         style = self._root_style
         for one in reversed(chain):
             style = self.cascade.style(one, self.kind(one.tag), one.items(), style, frame)
+        self._styles_in_place[element] = style
         return style
 
     # ---- use, svg and symbol
@@ -407,7 +417,14 @@ class Walk:
         self.use_count += 1
         if self.use_count > self.options.budgets.uses:
             limit = self.options.budgets.uses
-            raise BadInput(f"the drawing expands more than {limit} <use> elements and markers; raise --max-uses if it is meant")
+            raise BadInput(f"the drawing expands more than {limit} <use> elements; raise --max-uses if it is meant")
+
+    def count_marker(self) -> None:
+        """Counts one drawn marker. Raises BadInput beyond the budget."""
+        self._marker_count += 1
+        if self._marker_count > self.options.budgets.markers:
+            limit = self.options.budgets.markers
+            raise BadInput(f"the drawing has more than {limit} markers; raise --max-markers if it is meant")
 
     def _viewport(self, element: Any, context: Context, width_text: str | None, height_text: str | None) -> None:
         """The content of an inner svg or a used symbol: new coordinates, clipped unless overflow is visible."""
