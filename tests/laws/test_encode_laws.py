@@ -1,0 +1,139 @@
+"""Laws of the encoder, asserted on the exact arithmetic: ends, drift, every tick, direction, time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from output.ebb import arithmetic, arithmetic_old
+from output.ebb.arithmetic import ONE_STEP, State
+from output.ebb.commands import EM, Command, MotionCommand
+from output.ebb.encode import BoardSetup, PenCommands, Sizing, encode, prologue
+from output.ebb.firmware import firmware
+from output.ebb.program import StrokeEnd
+from planning.motion.limits import Kinematics
+from planning.motion.plan import Action, Draw, Motion
+from tests.output.motion_samples import CARTESIAN, COREXY, drawing, straight, wandering
+
+PEN = PenCommands(16000, 24000, 400, 400)
+QUICK = settings(max_examples=15, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
+EVERY = [
+    *[
+        ("3.0.3", "auto"),
+        ("3.0.0", "t3"),
+        ("3.0.2", "lt"),
+        ("3.0.3", "lm"),
+        ("3.0.1", "sm"),
+        ("3.0.3", "xm"),
+        ("2.8.1", "auto"),
+    ],
+    *[("2.7.0", "lm"), ("2.8.1", "sm"), ("2.6.0", "auto"), ("2.4.0", "xm"), ("2.0.1", "auto"), ("1.9.0", "auto")],
+]
+
+
+def setup_for(version: str, family: str = "auto", kinematics: Kinematics = COREXY, **more: object) -> BoardSetup:
+    return BoardSetup(kinematics, firmware(version), PEN, family=family, **more)  # type: ignore[arg-type]
+
+
+def run(actions: list[Action], setup: BoardSetup) -> tuple[State, list[tuple[StrokeEnd, State]], int]:
+    """Play a plan on the arithmetic of its firmware: the end, the state at each stroke's end, and the ticks of motion."""
+    execute = arithmetic_old.execute if setup.firmware.old_arithmetic else arithmetic.execute
+    state, ends, ticks = State(), [], 0
+    for item in [*prologue(setup), *encode(actions, setup)]:
+        if isinstance(item, MotionCommand):
+            done = execute(item, state)
+            assert not done.overflow, item
+            state, ticks = done.state, ticks + done.ticks
+        elif isinstance(item, EM):
+            state = State()
+        elif isinstance(item, StrokeEnd):
+            ends.append((item, state))
+    return state, ends, ticks
+
+
+@pytest.mark.parametrize(("version", "family"), EVERY)
+@settings(QUICK, max_examples=3)
+@given(seed=st.integers(0, 10**6), cartesian=st.booleans())
+def test_every_stroke_ends_on_its_rounded_end(version: str, family: str, seed: int, cartesian: bool) -> None:
+    kinematics = CARTESIAN if cartesian else COREXY
+    actions = drawing(seed, 4, pieces=25)
+    wanted = {a.stroke: kinematics.steps(a.motion.end_mm) for a in actions if isinstance(a, Draw)}
+    state, ends, _ = run(actions, setup_for(version, family, kinematics))
+    assert len(ends) == 4
+    for mark, at in ends:
+        assert at.position == mark.steps == tuple(np.rint(wanted[mark.index]).astype(int))
+    assert state.position == (0, 0)
+
+
+def phases_at_ticks(commands: list[Command], start: int, axis: int) -> np.ndarray:
+    """The axis's phase after every executing tick of T3 and TD commands, by their rates."""
+    parts, phase = [], start
+    for command in commands:
+        for segment in arithmetic.execute(command, State()).segments:
+            profile = segment.profile[axis]
+            t = np.arange(1, segment.ticks + 1, dtype=np.int64)
+            sums = profile.r0 * t + profile.accel * (t * (t + 1) // 2) + profile.jerk * ((t - 1) * t * (t + 1) // 6)
+            parts.append(phase + sums)
+            phase += int(sums[-1])
+    return np.concatenate(parts)
+
+
+def every_tick(motion: Motion, setup: BoardSetup) -> tuple[list[np.ndarray], np.ndarray]:
+    """Step counters of both axes after every tick, and the plan's steps there."""
+    commands = [c for c in encode([Draw(motion, 0)], setup) if isinstance(c, Command)]
+    start = np.rint(setup.kinematics.steps(motion.start_mm)).astype(int)
+    counters = [phases_at_ticks(commands, int(start[axis]) * ONE_STEP + ONE_STEP // 2, axis) >> 31 for axis in (0, 1)]
+    times = np.arange(1, len(counters[0]) + 1) * 40e-6
+    return counters, setup.kinematics.steps(motion.sample(times)[0])
+
+
+@QUICK
+@given(seed=st.integers(0, 10**6), ticks=st.integers(180, 400), merge=st.sampled_from([0.0, 0.1]))
+def test_at_every_tick_each_motor_is_within_a_step_of_the_plan(seed: int, ticks: int, merge: float) -> None:
+    motion = wandering(seed, 60, ticks, step_mm=ticks * 0.004)
+    counters, wanted = every_tick(motion, setup_for("3.0.3", sizing=Sizing(merge_steps=merge)))
+    assert len(counters[0]) == round(motion.total_s / 40e-6)
+    for axis in (0, 1):
+        assert np.abs(counters[axis] - wanted[:, axis]).max() <= 0.5 + merge + 0.17
+
+
+@QUICK
+@given(
+    angle=st.floats(0.0, 6.2832),
+    length=st.floats(0.01, 150.0),
+    start=st.tuples(st.floats(0, 100), st.floats(0, 100)),
+    ramp=st.integers(20, 4000),
+)
+def test_a_straight_line_never_steps_back_on_either_axis(angle: float, length: float, start: tuple, ramp: int) -> None:
+    begin = np.array(start)
+    end = begin + length * np.array([np.cos(angle), np.sin(angle)])
+    motion = straight(begin, end, ramp, round(length * 150))
+    counters, wanted = every_tick(motion, setup_for("3.0.3"))
+    for axis in (0, 1):
+        steps = np.diff(counters[axis])
+        direction = np.sign(wanted[-1, axis] - setup_for("3.0.3").kinematics.steps(begin)[axis])
+        assert (steps * direction >= 0).all()
+
+
+@QUICK
+@given(seed=st.integers(0, 10**6))
+def test_nothing_is_left_behind_over_many_pieces(seed: int) -> None:
+    """The phase at the end is the plan's to a thousandth of a step, whatever the number of pieces: no drift."""
+    for pieces in (10, 3000):
+        motion = wandering(seed, pieces, 200, step_mm=0.5)
+        setup = setup_for("3.0.3", sizing=Sizing(merge_steps=0.0))
+        commands = [c for c in encode([Draw(motion, 0)], setup) if isinstance(c, Command)]
+        wanted = COREXY.steps(motion.end_mm)
+        for axis in (0, 1):
+            phase = int(phases_at_ticks(commands, ONE_STEP // 2, axis)[-1]) - ONE_STEP // 2
+            assert abs(phase / ONE_STEP - wanted[axis]) < 1 / 16 + 1 / 64 + 1e-3
+
+
+@pytest.mark.parametrize(("version", "family"), [("3.0.3", "auto"), ("3.0.3", "lt"), ("2.8.1", "lt")])
+def test_motion_is_never_sped_up(version: str, family: str) -> None:
+    actions = drawing(5, 5)
+    planned = round(sum(a.motion.total_s for a in actions if hasattr(a, "motion")) / 40e-6)
+    _, _, ticks = run(actions, setup_for(version, family))
+    assert planned - 25 * 5 <= ticks <= planned * 1.2
