@@ -1,4 +1,4 @@
-"""Laws of the order: what is drawn stays what was drawn, no route is worse than the file's, the same input gives the same output."""
+"""Laws of the order: what is drawn stays what was drawn, no route is worse than the file's, and chance has no part in it."""
 
 from __future__ import annotations
 
@@ -65,7 +65,12 @@ def length(strokes: Sequence[Stroke]) -> float:
 
 OPTIONS = list(
     itertools.product(
-        ("none", "greedy", "best"), (-1.0, 0.0, 0.1), (False, True), ("random", "same", "hidden", "free"), (None, 1.7), (False, True)
+        ("none", "greedy", "best"),
+        (-1.0, 0.0, 0.1),
+        (False, True),
+        ("random", "same", "hidden", "free"),
+        (None, 1.7),
+        (False, True),
     )
 )
 
@@ -105,7 +110,11 @@ def colours(layers: Sequence[Layer]) -> dict[str | None, list[Stroke]]:
 
 
 @settings(max_examples=40, deadline=None)
-@given(layers=drawings(), order=st.sampled_from(["none", "greedy", "best"]), seams=st.sampled_from(["random", "same", "hidden", "free"]))
+@given(
+    layers=drawings(),
+    order=st.sampled_from(["none", "greedy", "best"]),
+    seams=st.sampled_from(["random", "same", "hidden", "free"]),
+)
 def test_with_duplicates_kept_the_length_is_kept(layers: list[Layer], order: str, seams: str) -> None:
     """Every line is drawn as often as the file says: without joins the lengths and corner marks add up exactly."""
     after = order_layers(layers, OrderOptions(order, 0.01, -1.0, True, seams), HOME)
