@@ -28,6 +28,7 @@ from output.errors import BadCommand, BoardRefused, LinkLost
 
 # CU,4 answers only when nothing moves any more: at once after a stop, later after another program's move.
 _IDLE_TIMEOUT_S = 30.0
+_ASK_EVERY_S = 0.02
 # Four of the board's 32 variables hold the job's token; the first ones are left to other programs.
 _TOKEN_SLOT = 24
 # The supply's divider and the 10-bit converter (the unit of CU,60), and what no motor supply is below.
@@ -126,6 +127,20 @@ class Board:
         one, two = self.query("QS").split(",")
         return int(one), int(two)
 
+    def wait_until_still(self, timeout_s: float) -> None:
+        """Returns when nothing executes or waits any more. Raises BoardRefused after `timeout_s`."""
+        end = self._talk.clock() + timeout_s
+        while self.is_moving():
+            if self._talk.clock() >= end:
+                raise BoardRefused(f"the board is still busy after {timeout_s:g} s: stop it with `plotter disable`")
+            self._talk.receive(_ASK_EVERY_S)
+
+    def is_moving(self) -> bool:
+        """Whether anything executes or waits on the board."""
+        if self.abilities.status_query == "QG":
+            return bool(int(self.query("QG"), 16) & 0x09)
+        return "1" in self.query("QM").split(",")
+
     def clear(self) -> None:
         """Ends what moves and raises the pen to the height that is set, without taking the pen-down height away."""
         self._talk.ask("ES")
@@ -137,8 +152,7 @@ class Board:
             self._depth = 1
             if self.abilities.deep_queue:
                 longest = int(self.query("QU,2").split(",")[-1])
-                moving = int(self.query("QG"), 16) & 0x0F
-                self._talk.ask(f"CU,4,{longest}", _IDLE_TIMEOUT_S if moving else REPLY_TIMEOUT_S)
+                self._talk.ask(f"CU,4,{longest}", _IDLE_TIMEOUT_S if self.is_moving() else REPLY_TIMEOUT_S)
                 self._depth = int(self.query("QU,3").split(",")[-1])
         return self._depth
 
@@ -166,6 +180,27 @@ class Board:
         if self.abilities.variables == 1:
             return [(None, token & 0xFF)]
         return [(_TOKEN_SLOT + i, byte) for i, byte in enumerate(token.to_bytes(4, "little"))]
+
+    # the nickname
+
+    def nickname(self) -> str | None:
+        """What the board is called; "" when it has no name, None when its firmware has none."""
+        return self.query("QT") if self.abilities.nickname else None
+
+    def set_nickname(self, name: str) -> None:
+        """Writes the name into the board's flash memory, which wears: never do this unasked. It shows after replugging.
+
+        Raises BadCommand for a name that a board cannot keep, BoardRefused when it did not keep it.
+        """
+        if not self.abilities.nickname:
+            raise BadCommand(f"firmware {self.firmware} has no nicknames: it needs 2.5.5 or later")
+        if len(name) > 16 or not all(" " <= letter <= "~" and letter not in ",'\"" for letter in name) or name == "OK":
+            raise BadCommand(
+                f"a nickname has at most 16 letters, digits, spaces or signs, no comma or quotes, not {name!r}: choose another"
+            )
+        self._talk.ask(f"ST,{name}")
+        if self.nickname() != name:
+            raise BoardRefused(f"the board calls itself {self.nickname()!r} after being named {name!r}: try again")
 
     # motor power
 

@@ -1,0 +1,298 @@
+"""The board's tools: which boards there are, what one says of itself, and moving pen and carriage by hand's order."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+import click
+import numpy as np
+
+from output.ebb.commands import EM, LT, SC, SP, Command
+from output.ebb.control import StopFlag
+from output.ebb.ports import UDEV_RULE, choose_port, find_ports
+from output.ebb.program import Program
+from output.ebb.session import Board, connect
+from output.errors import BoardRefused
+from plotter.errors import BadInput, Interrupted
+from plotter.settings import Settings, resolve
+from plotter.units import length_mm
+
+SIM = "sim"
+_Wrapped = TypeVar("_Wrapped", bound=Callable[..., Any])
+_PEN_TIMEOUT_S = 70.0
+
+port_option = click.option(
+    "--port", help="The board: its port or its nickname; `sim` is a fresh virtual one. Default: the only one there is."
+)
+
+
+def pen_options(command: _Wrapped) -> _Wrapped:
+    """The settings that say which machine and pen this is."""
+    command = click.option("--pen-down", metavar="PERCENT", help="Pen height when down.")(command)
+    command = click.option("--pen-up", metavar="PERCENT", help="Pen height when up.")(command)
+    return click.option("--machine", metavar="NAME", help="Machine profile (see `plotter machines`).")(command)
+
+
+def tool_settings(**flags: str | None) -> Settings:
+    """The settings in force for a tool: its flags over the settings file. Raises BadInput."""
+    return resolve({name: value for name, value in flags.items() if value is not None}).values
+
+
+@contextmanager
+def opened(port: str | None, *, clear: bool) -> Iterator[Board]:
+    """The board at `port`; with `clear` whatever still moves is stopped and the pen raised first."""
+    if port == SIM:
+        from output.ebb.virtual.process import start_virtual_board
+
+        with start_virtual_board() as virtual, connect(virtual.port, clear=clear) as board:
+            yield board
+        return
+    with connect(choose_port(port), clear=clear) as board:
+        yield board
+
+
+# looking
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="For programs.")
+@click.option("--udev", is_flag=True, help="Print the udev rule for Linux that gives you access and keeps modem programs off.")
+def ports(as_json: bool, udev: bool) -> None:
+    """List the EiBotBoards that are plugged in, with their nicknames.
+
+    \b
+    plotter ports
+    plotter ports --udev | sudo tee /etc/udev/rules.d/60-eibotboard.rules
+    """
+    if udev:
+        click.echo(UDEV_RULE)
+        return
+    found = find_ports()
+    if as_json:
+        click.echo(
+            json.dumps([{"port": one.device, "nickname": one.nickname, "description": one.description} for one in found])
+        )
+        return
+    for one in found:
+        click.echo(f"{one.device}\t{one.nickname}")
+    if not found:
+        click.echo("no EiBotBoard is plugged in: check the USB cable and that it carries data", err=True)
+
+
+@click.command()
+@port_option
+@click.option("--json", "as_json", is_flag=True, help="For programs.")
+@click.option("--name", metavar="NICKNAME", help="Give the board this nickname (at most 16 characters; '' takes it away).")
+@click.option("--yes", is_flag=True, help="Do not ask before the nickname is written.")
+def board(port: str | None, as_json: bool, name: str | None, yes: bool) -> None:
+    """What a board says of itself: firmware, supply, queue, pen, motors, nickname. Nothing moves.
+
+    \b
+    plotter board
+    plotter board --port "East EBB" --json
+    plotter board --name "East EBB"
+    """
+    with opened(port, clear=False) as one:
+        if name is not None:
+            _rename(one, name, yes)
+            return
+        facts = facts_of(one)
+    if as_json:
+        click.echo(json.dumps(facts))
+        return
+    for key, value in facts.items():
+        text = "unknown" if value is None else ("yes" if value else "no") if isinstance(value, bool) else value
+        click.echo(f"{key.replace('_', ' '):<18} {text}")
+
+
+def facts_of(one: Board) -> dict[str, Any]:
+    """Everything that a board can be asked without moving; None for what its firmware cannot tell."""
+    deep, version = one.abilities.deep_queue, one.abilities.version
+    return {
+        "port": one.port_name,
+        "firmware": one.firmware,
+        "nickname": one.nickname(),
+        "supply_v": round(one.supply_v(), 1),
+        "queue_depth": int(one.query("QU,3").split(",")[-1]) if deep else 1,
+        "queue_max": int(one.query("QU,2").split(",")[-1]) if deep else 1,
+        "queue_waiting": int(one.query("QU,6").split(",")[-1]) if one.abilities.counts_queue else None,
+        "moving": one.is_moving(),
+        "pen_up": one.query("QP") == "1",
+        "servo_power": one.query("QR") == "1" if version >= (2, 6, 0) else None,
+        "motors_on": not one.motors_off() if version >= (2, 8, 0) else None,
+        "position_steps": list(one.steps()),
+    }
+
+
+def _rename(one: Board, name: str, yes: bool) -> None:
+    old = one.nickname() or "no name"
+    if not yes and not click.confirm(f"Write the nickname {name!r} into the board at {one.port_name} (now: {old})?", err=True):
+        click.echo("nothing was changed", err=True)
+        return
+    one.set_nickname(name)
+    click.echo(f"the board at {one.port_name} is named {name!r}; unplug it and plug it in for the computer to see it")
+
+
+# the pen
+
+
+@click.command()
+@click.argument("what", type=click.Choice(["up", "down", "toggle"]))
+@port_option
+@pen_options
+def pen(what: str, port: str | None, machine: str | None, pen_up: str | None, pen_down: str | None) -> None:
+    """Raise or lower the pen.
+
+    \b
+    plotter pen up
+    plotter pen down --pen-down 35%
+    """
+    settings = tool_settings(machine=machine, pen_up=pen_up, pen_down=pen_down)
+    with opened(port, clear=False) as one:
+        up = what == "up" or (what == "toggle" and one.query("QP") == "0")
+        for command in pen_commands(settings):
+            one.send(command)
+        lift = settings.pen_lift()
+        one.send(SP(1 if up else 0, round(1000 * (lift.lift_s() if up else lift.lower_s()))), timeout_s=_PEN_TIMEOUT_S)
+        one.wait_until_still(_PEN_TIMEOUT_S)
+    click.echo(f"the pen is {'up' if up else 'down'}")
+
+
+def pen_commands(settings: Settings) -> list[Command]:
+    """The pen's heights and speeds, as every tool says them before it moves the pen."""
+    lift = settings.pen_lift()
+    return [SC(4, lift.up_pulse), SC(5, lift.down_pulse), SC(11, lift.rate_up), SC(12, lift.rate_down)]
+
+
+# the carriage
+
+
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.argument("x", metavar="X")
+@click.argument("y", metavar="Y")
+@click.option("--to", "absolute", is_flag=True, help="X and Y are a position from home, not a distance from here.")
+@port_option
+@pen_options
+def move(
+    x: str, y: str, absolute: bool, port: str | None, machine: str | None, pen_up: str | None, pen_down: str | None
+) -> None:
+    """Move the carriage with the pen up, by X to the right and Y down.
+
+    \b
+    plotter move 10mm -5mm
+    plotter move --to 2in 2in
+    """
+    try:
+        given = np.array([length_mm(x), length_mm(y)])
+    except ValueError as error:
+        raise BadInput(f"{error}: give two lengths, as in `plotter move 10mm -5mm`") from None
+    settings = tool_settings(machine=machine, pen_up=pen_up, pen_down=pen_down)
+    with opened(port, clear=True) as one:
+        start_mm = position_mm(one, settings)
+        end_mm = carriage_to(one, settings, start_mm, given if absolute else start_mm + given)
+    click.echo(f"the carriage is at {end_mm[0]:.2f}, {end_mm[1]:.2f} mm")
+
+
+@click.command()
+@port_option
+@pen_options
+def home(port: str | None, machine: str | None, pen_up: str | None, pen_down: str | None) -> None:
+    """Raise the pen and bring the carriage back to where it was when the motors were switched on.
+
+    \b
+    plotter home
+    """
+    settings = tool_settings(machine=machine, pen_up=pen_up, pen_down=pen_down)
+    with opened(port, clear=True) as one:
+        carriage_to(one, settings, position_mm(one, settings), np.zeros(2))
+    click.echo("the carriage is at home")
+
+
+@click.command()
+@port_option
+@pen_options
+def align(port: str | None, machine: str | None, pen_up: str | None, pen_down: str | None) -> None:
+    """Raise the pen and let go of the motors, so that the carriage can be pushed to its home corner.
+
+    \b
+    plotter align
+    """
+    _let_go(port, tool_settings(machine=machine, pen_up=pen_up, pen_down=pen_down))
+    click.echo("the pen is up and the motors are off: push the carriage to its home corner")
+
+
+@click.command()
+@port_option
+@pen_options
+def disable(port: str | None, machine: str | None, pen_up: str | None, pen_down: str | None) -> None:
+    """Stop whatever moves, raise the pen, and switch the motors off.
+
+    \b
+    plotter disable
+    """
+    _let_go(port, tool_settings(machine=machine, pen_up=pen_up, pen_down=pen_down))
+    click.echo("everything is stopped, the pen is up and the motors are off")
+
+
+def _let_go(port: str | None, settings: Settings) -> None:
+    with opened(port, clear=True) as one:
+        for command in pen_commands(settings):
+            one.send(command)
+        one.send(SP(1, round(1000 * settings.pen_lift().lift_s())))
+        one.wait_until_still(_PEN_TIMEOUT_S)
+        one.send(EM(0, 0))
+        one.wait_until_still(_PEN_TIMEOUT_S)
+
+
+def position_mm(one: Board, settings: Settings) -> np.ndarray:
+    """Where the carriage is, in machine millimetres from home (2,), by the board's own count.
+
+    Raises BoardRefused when the motors were let go away from home: the count says nothing then.
+    """
+    steps = one.steps()
+    if steps != (0, 0) and one.motors_off():
+        raise BoardRefused(
+            f"the motors were switched off at {steps[0]}, {steps[1]} steps from home, so that the position is not known: "
+            "run `plotter align` and push the carriage to its home corner"
+        )
+    return np.asarray(settings.machine_profile().kinematics().millimetres(np.array([steps]))[0])
+
+
+def carriage_to(one: Board, settings: Settings, start_mm: np.ndarray, end_mm: np.ndarray) -> np.ndarray:
+    """Moves with the pen up to the step nearest to `end_mm` (2,), smoothly; returns the position reached.
+
+    Raises BadInput outside the machine, Interrupted when it was stopped, and what the board's errors are.
+    """
+    profile = settings.machine_profile()
+    if not (0 <= end_mm[0] <= profile.width_mm and 0 <= end_mm[1] <= profile.height_mm):
+        raise BadInput(
+            f"{end_mm[0]:.2f}, {end_mm[1]:.2f} mm is outside the machine's travel of {profile.width_mm:g} x "
+            f"{profile.height_mm:g} mm: nothing was moved"
+        )
+    result = one.stream(_travel_program(one, settings, start_mm, end_mm), on_progress=lambda _: None, stop=StopFlag())
+    if result.outcome != "done":
+        raise Interrupted(f"{result.reason}: the carriage was stopped on its way, the pen is up and the motors are off")
+    return position_mm(one, settings)
+
+
+def _travel_program(one: Board, settings: Settings, start_mm: np.ndarray, end_mm: np.ndarray) -> Program:
+    """Pen heights, pen up, and the travel; the step counters go on from where they are."""
+    from output.ebb.encode import BoardSetup, PenCommands, encode
+    from output.ebb.encode_pieces import PRIMED
+    from output.ebb.firmware import firmware
+    from planning.motion.plan import Travel
+    from planning.motion.travel import travel
+
+    profile, lift = settings.machine_profile(), settings.pen_lift()
+    kinematics, version = profile.kinematics(), firmware(one.firmware)
+    motion = travel(start_mm, end_mm, settings.travel_limits(), kinematics, ((0.0, 0.0), (profile.width_mm, profile.height_mm)))
+    # Counted from here: the encoder's steps are relative, and the board's counters keep their distance from home.
+    setup = BoardSetup(kinematics, version, PenCommands(lift.up_pulse, lift.down_pulse, lift.rate_up, lift.rate_down), start_mm)
+    yield from pen_commands(settings)
+    yield SP(1, round(1000 * lift.lift_s()))
+    if "LT" in version.motion:
+        yield LT(1, PRIMED, 0, PRIMED, 0, 3)  # the accumulators as the encoder takes them to be, whatever moved before
+    yield from encode([Travel(motion)], setup)
