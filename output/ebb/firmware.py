@@ -10,7 +10,7 @@ from functools import lru_cache
 from importlib import resources
 from typing import Any
 
-from output.ebb.commands import CU, EM, ES, S2, SL, SP, Command, Version
+from output.ebb.commands import CU, EM, ES, HM, LM, LT, QL, QU, SC, SL, SM, SP, XM, Command, Version
 from output.errors import BadCommand
 
 NEWEST: Version = (3, 0, 3)
@@ -61,22 +61,61 @@ class Firmware:
             return (
                 f"{command.name} needs firmware {'.'.join(map(str, command.since))} or newer{until}, the board has {self.name}"
             )
+        newer = self._newer_form(command)
+        if newer is not None:
+            form, since = newer
+            return f"{form} needs firmware {'.'.join(map(str, since))} or newer, the board has {self.name}; leave it out"
+        return self._out_of_range(command)
+
+    def _newer_form(self, command: Command) -> tuple[str, Version] | None:
+        """A form of the command that this version does not know, and the first that does."""
+        forms: list[tuple[bool, str, Version]] = []
         match command:
-            case SP(value=2 | 3) if self.version < (3, 0, 1):
-                return f"SP,{command.value} needs firmware 3.0.1 or newer, the board has {self.name}"
-            case SL(index=int()) if self.version < (3, 0, 0):
-                return f"SL with an index needs firmware 3.0.0 or newer, the board has {self.name}"
-            case ES(disable_motors=int()) if self.version < (2, 8, 0):
-                return f"ES with a parameter needs firmware 2.8.0 or newer, the board has {self.name}"
+            case SP(value=value):
+                forms = [(value > 1, f"SP,{value}", (3, 0, 1))]
+            case SL(index=index):
+                forms = [(index is not None, "SL with an index", (3, 0, 0))]
+            case QL(index=index):
+                forms = [(index is not None, "QL with an index", (3, 0, 0))]
+            case ES(disable_motors=disable):
+                forms = [(disable is not None, "ES with a parameter", (2, 8, 0))]
+            case SM(clear=clear) | XM(clear=clear):
+                forms = [(clear is not None, f"Clear for {command.name}", (3, 0, 0))]
+            case CU(number=number):
+                forms = [(number > 3, f"CU,{number}", (3, 0, 0)), (number == 3, "CU,3", (2, 8, 1))]
+            case QU(number=number):
+                forms = [(number == 6, "QU,6", (3, 0, 1))]
+        return next(((text, since) for used, text, since in forms if used and self.version < since), None)
+
+    def _out_of_range(self, command: Command) -> str | None:
+        """A value that this version would refuse or take for another."""
+        limits: list[tuple[str, int, int]] = []
+        match command:
             case EM(enable2=None) if self.version >= (2, 8, 0):
-                return f"EM needs both parameters on firmware {self.name}"
-            case CU(number=number) if self.version < (3, 0, 0) and number > 3:
-                return f"CU,{number} needs firmware 3.0.0 or newer, the board has {self.name}"
-            case CU(number=3) if self.version < (2, 8, 1):
-                return f"CU,3 needs firmware 2.8.1 or newer, the board has {self.name}"
-            case S2(pin=pin) if pin > 24:
-                return f"S2 has no pin {pin}"
+                return f"EM needs both parameters on firmware {self.name}; give motor 2's as well"
+            case SC(number=8, value=value) if self.version >= (3, 0, 0):
+                limits = [("servo channels of SC,8", value, 8)]
+            case SM(duration_ms=ms, steps1=one, steps2=two):
+                limits = self._sm_limits(ms, one, two or 0)
+            case XM(duration_ms=ms, steps_a=one, steps_b=two):
+                limits = self._sm_limits(ms, one + two, one - two)
+            case LM(rate1=one, rate2=two) if self.old_arithmetic and min(one, two) < 0:
+                return f"LM: a rate is {min(one, two)}, allowed is 0 or more on firmware {self.name}; give the steps the sign"
+            case LT(rate1=0, rate2=0) if self.old_arithmetic:
+                return f"LT: both rates are 0, which firmware {self.name} refuses; use SM for a delay"
+            case HM(position1=one, position2=two) if self.old_arithmetic:
+                limits = [("position of HM", abs(one or 0), 4_294_967), ("position of HM", abs(two or 0), 4_294_967)]
+        for what, value, most in limits:
+            if value > most:
+                return f"{what} is {value}, allowed is up to {most} on firmware {self.name}; split the command"
         return None
+
+    def _sm_limits(self, duration_ms: int, one: int, two: int) -> list[tuple[str, int, int]]:
+        if not one and not two:
+            # Firmware 3 shortens a longer delay to 100 s, 2.x counts it modulo 65536 ms.
+            return [("delay in ms", duration_ms, self.max_delay_ms)]
+        most = self.max_sm_steps
+        return [("duration in ms", duration_ms, self.max_sm_ms), ("steps", abs(one), most), ("steps", abs(two), most)]
 
 
 def parse_version(text: str) -> Version:
