@@ -109,7 +109,8 @@ class SerialPort:
 
     def wake(self) -> None:
         if self._fd is not None and not self._closed:
-            with contextlib.suppress(BlockingIOError):
+            # A full pipe wakes as well; and a thread may still call this while the port is being closed.
+            with contextlib.suppress(OSError):
                 os.write(self._wake_write, b"w")
 
     def close(self) -> None:
