@@ -73,7 +73,7 @@ def flatten(segments: Segments, matrix: Floats, tolerance_mm: float | Floats, po
     out = np.empty((total, 2))
     out[offset[:-1]] = _map(segments.start[wanted], matrices)
     last = np.cumsum(pieces) + sub
-    kind, points = segments.kind[keep], mapped.points[keep]
+    kind, points = (segments.kind, mapped.points) if keep.all() else (segments.kind[keep], mapped.points[keep])
     _write_curves(out, kind, points, mapped.arcs(keep), last, pieces)
     out[last] = points[:, 3]
     closed = segments.closed[wanted]
@@ -135,7 +135,8 @@ def _map(points: Floats, matrix: Floats, *, linear: bool = False) -> Floats:
 
 
 def _to_page(segments: Segments, matrix: Floats) -> _Mapped:
-    m = matrix[segments.path[segments.subpath]]
+    # One path needs one matrix, not a copy of it for each of a million segments.
+    m = matrix if len(matrix) == 1 else matrix[segments.path[segments.subpath]]
     points = np.empty_like(segments.points)
     for i in range(4):
         points[:, i] = _map(segments.points[:, i], m)
@@ -151,11 +152,12 @@ def _to_page(segments: Segments, matrix: Floats) -> _Mapped:
     arc = np.flatnonzero(segments.kind == ARC)
     points[arc, 1] = points[arc, 0]
     points[arc, 2] = points[arc, 3]
-    u, v = _map(segments.axis_u, m[arc], linear=True), _map(segments.axis_v, m[arc], linear=True)
+    m_arc = m if len(m) == 1 else m[arc]
+    u, v = _map(segments.axis_u, m_arc, linear=True), _map(segments.axis_v, m_arc, linear=True)
     extent[arc] = np.maximum(np.abs(u).max(axis=1, initial=0), np.abs(v).max(axis=1, initial=0)) * np.minimum(
         1, np.abs(segments.sweep)
     )
-    return _Mapped(points, extent, arc, _map(segments.centre, m[arc]), u, v, segments.angle, segments.sweep)
+    return _Mapped(points, extent, arc, _map(segments.centre, m_arc), u, v, segments.angle, segments.sweep)
 
 
 def _pieces(mapped: _Mapped, kind: NDArray[np.uint8], keep: Bools, tolerance_mm: Floats) -> Ints:
@@ -164,9 +166,10 @@ def _pieces(mapped: _Mapped, kind: NDArray[np.uint8], keep: Bools, tolerance_mm:
     p = mapped.points
     rows = np.flatnonzero(kind == CUBIC)
     if len(rows):
-        q = p[rows]
-        first, second = q[:, 0] - 2 * q[:, 1] + q[:, 2], q[:, 1] - 2 * q[:, 2] + q[:, 3]
-        bend = np.maximum(np.hypot(first[:, 0], first[:, 1]), np.hypot(second[:, 0], second[:, 1]))
+        bend = np.zeros(len(rows))
+        for i in (0, 1):
+            difference = p[rows, i] - 2 * p[rows, i + 1] + p[rows, i + 2]
+            bend = np.maximum(bend, np.hypot(difference[:, 0], difference[:, 1]))
         need[rows] = np.sqrt(0.75 / tolerance_mm[rows] * bend)
     rows = np.flatnonzero(kind == QUADRATIC)
     bend2 = p[rows, 0] - 2 * p[rows, 1] + p[rows, 3]

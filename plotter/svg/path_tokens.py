@@ -89,17 +89,21 @@ def _tokenise(texts: Sequence[str]) -> tuple[_Tokens, NDArray[np.int64]]:
     joined = "\0".join(texts) + "\0"
     if joined.count("\0") != len(texts):
         joined = "\0".join(text.replace("\0", "?") for text in texts) + "\0"
+    arcs = "a" in joined or "A" in joined
     raw = np.frombuffer(joined.encode("latin-1", "replace"), np.uint8)
-    letters, firsts, paths, numbers, odd = [], [], [], [], []
+    del joined
+    letters, firsts, paths, numbers, odd, flags = [], [], [], [], [], []
     ends_before, numbers_before, at, last = 0, 0, 0, _END
     while at < len(raw):
         end = _cut(raw, at)
-        piece = _Piece(raw[at:end], last, ends_before)
+        piece = _Piece(raw[at:end], last, ends_before, arcs=arcs)
         letters.append(piece.raw[piece.command])
         firsts.append(piece.first + numbers_before)
         paths.append(piece.path)
         odd.append(piece.odd)
         numbers.append(piece.numbers)
+        if piece.flags is not None:
+            flags.append(piece.flags)
         ends_before += piece.ends
         numbers_before += len(piece.numbers)
         at, last = end, piece.last
@@ -111,10 +115,21 @@ def _tokenise(texts: Sequence[str]) -> tuple[_Tokens, NDArray[np.int64]]:
     arity = ARITY[letter]
     wrong = np.where(arity == 0, count != 0, (count == 0) | (count % np.maximum(arity, 1) != 0))
     odd.append(path[wrong])
-    # A path's first command must be a move; a path without commands but with numbers shows in the count of its neighbour.
+    if arcs:
+        odd.append(path[_wrong_flags(tokens, np.concatenate(flags))])
+    # A path's first command must be a move.
     heads = np.flatnonzero(np.diff(path, prepend=-1))
     odd.append(path[heads[(letter[heads] & UPPER) != M]])
     return tokens, np.unique(np.concatenate(odd))
+
+
+def _wrong_flags(tokens: _Tokens, flags: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The arc commands with a flag that is not the single character 0 or 1."""
+    arcs = np.flatnonzero((tokens.letter & UPPER) == ord("A"))
+    sets = tokens.count[arcs] // 7
+    row = np.repeat(np.arange(len(arcs)), sets)
+    first = tokens.first[arcs][row] + 7 * (np.arange(len(row)) - np.repeat(np.cumsum(sets) - sets, sets))
+    return np.asarray(arcs[row[~(flags[first + 3] & flags[first + 4])]])
 
 
 def _cut(raw: NDArray[np.uint8], at: int) -> int:
@@ -132,7 +147,7 @@ def _cut(raw: NDArray[np.uint8], at: int) -> int:
 class _Piece:
     """One piece of the joined text, taken apart. `last` is the class of the last character before it that is no space."""
 
-    def __init__(self, raw: NDArray[np.uint8], last: int, ends_before: int) -> None:
+    def __init__(self, raw: NDArray[np.uint8], last: int, ends_before: int, *, arcs: bool) -> None:
         self.raw = raw
         kind = _CLASS[raw]
         numeric = (kind >= _DIGIT) & (kind <= _EXPONENT)
@@ -144,12 +159,10 @@ class _Piece:
         self.ends = len(end_at)
         self._end_at, self._ends_before = end_at, ends_before
         self.path = self._path_at(self.command)
-        bad = [self._malformed(kind), self._misplaced_commas(kind, last), self._bad_flags(numeric, start)]
-        head = np.flatnonzero(start)
-        if len(head) and not len(self.command):
-            bad.append(head[:1])
+        bad = [self._malformed(kind), self._misplaced(kind, last)]
         self.odd = self._path_at(np.concatenate(bad))
-        self.numbers = self._convert(numeric, start, len(head)) if not len(self.odd) else np.zeros(len(head))
+        self.numbers = np.zeros(int(started[-1])) if len(self.odd) else self._convert(numeric, start, int(started[-1]))
+        self.flags = self._flags(numeric, start) if arcs else None
         solid = np.flatnonzero(kind != _SPACE)
         self.last = int(kind[solid[-1]]) if len(solid) else last
 
@@ -184,29 +197,20 @@ class _Piece:
         return np.flatnonzero(bad)
 
     @staticmethod
-    def _misplaced_commas(kind: NDArray[np.uint8], last: int) -> NDArray[np.int64]:
+    def _misplaced(kind: NDArray[np.uint8], last: int) -> NDArray[np.int64]:
         solid = np.flatnonzero(kind != _SPACE)
         tight = kind[solid]
         before = np.append(np.uint8(last), tight[:-1])
-        return np.asarray(solid[(tight == _COMMA) & (before != _DIGIT) & (before != _DOT)])
+        comma = (tight == _COMMA) & (before != _DIGIT) & (before != _DOT)
+        # A number before a path's first command would be taken for an argument of the path before.
+        orphan = (before == _END) & (tight >= _DIGIT) & (tight <= _EXPONENT)
+        return np.asarray(solid[comma | orphan])
 
-    def _bad_flags(self, numeric: NDArray[np.bool_], start: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Arcs whose flags are not single characters 0 or 1."""
-        letter = self.raw[self.command] & UPPER
-        arcs = np.flatnonzero(letter == ord("A"))
-        if not len(arcs):
-            return np.zeros(0, np.int64)
+    def _flags(self, numeric: NDArray[np.bool_], start: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which numbers are written as the single character 0 or 1, as an arc's flags must be."""
         head = np.flatnonzero(start)
         tail = np.flatnonzero(numeric & np.append(~numeric[1:] | start[1:], True))
-        simple = (head == tail) & ((self.raw[head] == ord("0")) | (self.raw[head] == ord("1")))
-        bad = [np.zeros(0, np.int64)]
-        first = np.append(self.first, len(head))
-        for slot in (3, 4):
-            n = (first[arcs + 1] - first[arcs]) // 7
-            row = np.repeat(arcs, n)
-            within = np.arange(len(row)) - np.repeat(np.cumsum(n) - n, n)
-            bad.append(self.command[row[~simple[first[row] + 7 * within + slot]]])
-        return np.concatenate(bad)
+        return np.asarray((head == tail) & ((self.raw[head] == ord("0")) | (self.raw[head] == ord("1"))))
 
     def _convert(self, numeric: NDArray[np.bool_], start: NDArray[np.bool_], count: int) -> NDArray[np.float64]:
         if not count:

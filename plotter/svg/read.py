@@ -31,21 +31,22 @@ def read_drawing(source: Path | bytes, options: ReadOptions | None = None) -> Dr
     Raises BadInput, with one sentence, for a document that cannot be read, is not finite or exceeds a budget.
     """
     options = options or ReadOptions()
-    name, data = _load(source, options)
     usual = sys.getrecursionlimit()
     # The walk takes up to five frames for each level of nesting, whose budget is checked as it goes.
     sys.setrecursionlimit(max(usual, _FRAMES))
     try:
-        return _read(name, data, options)
+        return _read(source, options)
     except RecursionError:
-        raise BadInput(f"{name} is nested too deeply somewhere (style sheet, text or clip paths); simplify it") from None
+        raise BadInput(
+            f"{_name(source)} is nested too deeply somewhere (style sheet, text or clip paths); simplify it"
+        ) from None
     finally:
         sys.setrecursionlimit(usual)
 
 
-def _read(name: str, data: bytes, options: ReadOptions) -> Drawing:
+def _read(source: Path | bytes, options: ReadOptions) -> Drawing:
     notes = Notes()
-    root = parse_document(data, name, options.budgets, notes)
+    root = parse_document(_load(source, options), _name(source), options.budgets, notes)
     cascade = Cascade(Stylesheet(root, _style_texts(root), notes, options.budgets.selector_tests))
     layering = Layering(root, options.layers, notes)
     walk = Walk(root, cascade, layering, options, notes)
@@ -66,16 +67,20 @@ def _read(name: str, data: bytes, options: ReadOptions) -> Drawing:
     return Drawing(walk.width_mm, walk.height_mm, layers, notes.sentences(), facts)
 
 
-def _load(source: Path | bytes, options: ReadOptions) -> tuple[str, bytes]:
+def _name(source: Path | bytes) -> str:
+    return "the drawing" if isinstance(source, bytes) else source.name
+
+
+def _load(source: Path | bytes, options: ReadOptions) -> bytes:
     if isinstance(source, bytes):
-        return "the drawing", source
+        return source
     limit = options.budgets.document_bytes
     try:
         size = source.stat().st_size
         if size > limit:
             raise BadInput(f"{source.name} has {size} bytes and the limit is {limit}; raise --max-bytes if it is meant")
         with source.open("rb") as file:
-            return source.name, file.read(limit + 1)
+            return file.read(limit + 1)
     except OSError as error:
         raise BadInput(f"{source} cannot be read: {error.strerror or error}; check the path") from None
 

@@ -42,6 +42,9 @@ class Stylesheet:
         self._by_key: dict[str, list[_Rule]] = {}
         self._complex: list[_Rule] = []
         self._wrappers: dict[Any, Any] | None = None
+        self._ancestors: dict[Any, Any] = {}
+        # Whether no selector asks for siblings, so that elements need not be numbered.
+        self._is_downward = True
         self._root = root
         self._notes = notes
         self._order = 0
@@ -93,6 +96,8 @@ class Stylesheet:
         try:
             self._spend(_COMPILING)
             for selector in cssselect2.compile_selector_list(text):
+                if any(sign in text for sign in "+~:"):
+                    self._is_downward = False
                 if not selector.never_matches and selector.pseudo_element is None:
                     self._complex.append(_Rule((selector.specificity, self._order), declarations, selector=selector))
         except cssselect2.SelectorError:
@@ -142,10 +147,22 @@ class Stylesheet:
             )
 
     def _wrapper(self, element: Any) -> Any:
+        if self._is_downward:
+            return self._chain(element)
         if self._wrappers is None:
             top = cssselect2.ElementWrapper.from_xml_root(self._root)
             self._wrappers = {wrapper.etree_element: wrapper for wrapper in top.iter_subtree()}
         return self._wrappers.get(element)
+
+    def _chain(self, element: Any) -> Any:
+        """A wrapper that knows its ancestors only; those are remembered, as they have many children."""
+        parent = element.getparent()
+        if parent is None or element is self._root:
+            return cssselect2.ElementWrapper.from_xml_root(element)
+        above = self._ancestors.get(parent)
+        if above is None:
+            above = self._ancestors[parent] = self._chain(parent)
+        return cssselect2.ElementWrapper(element, above, 0, None, False)
 
 
 def _declarations(content: Any) -> list[Declaration]:
