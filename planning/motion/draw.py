@@ -57,7 +57,7 @@ def draw_motions(strokes: Sequence[Stroke], limits: Limits, kinematics: Kinemati
     together = [w for w in work if not _is_long(w.points, limits)]
     sections = [Section(w.points, w.corners, slack_mm=w.slack_mm) for w in together]
     for w, fit in zip(together, _fit(sections, limits, kinematics), strict=True):
-        out[w.place] = _motion_of([fit], w.points) if fit is not None else _legs(w.points, limits, kinematics)
+        out[w.place] = _motion_of([fit], w.points) if fit is not None else legs(w.points, limits, kinematics)
     for w in work:
         if out[w.place] is None:
             out[w.place] = _windowed(w, limits, kinematics)
@@ -111,7 +111,7 @@ def _motion_of(fits: Sequence[Fit], points: Array) -> Motion:
     return Motion(duration, position, velocity, acceleration, jerk, np.array(points[-1], dtype=np.float64))
 
 
-def _legs(points: Array, limits: Limits, kinematics: Kinematics) -> Motion:
+def legs(points: Array, limits: Limits, kinematics: Kinematics) -> Motion:
     """The last resort: from rest to rest along every segment."""
     legs = [_line(a, b, limits, kinematics) for a, b in pairwise(points)]
     join = [np.concatenate([getattr(leg, name) for leg in legs]) for name in
@@ -152,7 +152,7 @@ def _windowed(work: _Work, limits: Limits, kinematics: Kinematics) -> Motion:
         final = end == len(points)
         if fit is None:
             if vertices > 64 * WINDOW_VERTICES or final:
-                return _legs(points, limits, kinematics)
+                return legs(points, limits, kinematics)
             vertices *= 2
             continue
         if final:
@@ -168,7 +168,7 @@ def _windowed(work: _Work, limits: Limits, kinematics: Kinematics) -> Motion:
         start = max(0, int(np.searchsorted(along, at_mm - context, side="right")) - 1)
         vertices = WINDOW_VERTICES
     motion = _motion_of(fits, points)
-    return motion if _verified(motion, work, limits, fits) else _legs(points, limits, kinematics)
+    return motion if _verified(motion, work, limits, fits) else legs(points, limits, kinematics)
 
 
 def _cut(fit: Fit, ahead_s: float, limits: Limits) -> int | None:

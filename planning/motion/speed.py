@@ -159,7 +159,7 @@ def make_grid(paths: PathSet, vertex_cap: Array, segment_cap: Array, limits: Lim
     return Grid(s, paths.path[segment], cap, curvature, vertex[paths.first], vertex[paths.last])
 
 
-def fastest(grid: Grid, cap: Array, acceleration: Array, rounds: int = 2) -> Array:
+def fastest(grid: Grid, cap: Array, acceleration: Array, rounds: int = 2, floor: float = TANGENTIAL_FLOOR) -> Array:
     """The fastest speed profile v (G,) under `cap` whose |dv/dt|^2 + (curvature v^2)^2 <= acceleration^2.
 
     With w = v^2 / 2 and sigma = integral of the tangential acceleration, w - sigma may not rise above any earlier value and
@@ -172,7 +172,7 @@ def fastest(grid: Grid, cap: Array, acceleration: Array, rounds: int = 2) -> Arr
     w = top
     for _ in range(rounds):
         lateral = grid.curvature * 2.0 * w
-        tangential = np.sqrt(np.maximum(acceleration**2 - lateral**2, (TANGENTIAL_FLOOR * acceleration) ** 2))
+        tangential = np.sqrt(np.maximum(acceleration**2 - lateral**2, (floor * acceleration) ** 2))
         rise = 0.5 * (tangential[1:] + tangential[:-1]) * ds
         rise[grid.last[:-1]] = decouple
         sigma = np.concatenate(([0.0], np.cumsum(rise)))

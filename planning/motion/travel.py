@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from ruckig import InputParameter, Result, Ruckig, Trajectory
+from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from planning.errors import ImpossiblePlan
 from planning.motion.limits import Kinematics, Limits
@@ -86,24 +86,43 @@ _AXIS = _OneAxis()
 def phases(distance: float, speed: float, acceleration: float, jerk: float) -> Phases:
     """The fastest rest-to-rest profile over `distance` > 0, phases rounded up to whole ticks.
 
-    Raises ImpossiblePlan when ruckig has no answer or one that breaks a limit.
+    Raises ImpossiblePlan when the answer breaks a limit.
     """
     request = _AXIS.request
     request.current_position, request.target_position = [0.0], [float(distance)]
     request.max_velocity, request.max_acceleration, request.max_jerk = [speed], [acceleration], [jerk]
-    result = _AXIS.otg.calculate(request, _AXIS.answer)
-    if result not in (Result.Working, Result.Finished):
-        raise ImpossiblePlan(f"no profile over {distance:.6g} mm at {speed} mm/s, {acceleration} mm/s2, {jerk} mm/s3: {result}")
-    t = _AXIS.answer.profiles[0][0].t
-    found = Phases(
-        jerk=max(1, _up(max(t[0], t[2], t[4], t[6]))), steady=_up(max(t[1], t[5])), cruise=_up(t[3])
-    )  # fmt: skip
+    try:
+        known = _AXIS.otg.calculate(request, _AXIS.answer) in (Result.Working, Result.Finished)
+    except RuckigError:
+        known = False
+    t = list(_AXIS.answer.profiles[0][0].t) if known else [0.0] * 7
+    tj, ta, tv = closed_form(distance, speed, acceleration, jerk)
+    symmetric = [tj, ta, tj, tv, tj, ta, tj]
+    if max(abs(x - y) for x, y in zip(t, symmetric, strict=True)) > 0.25 * TICK_S:
+        # ruckig finds nothing at the very border of two cases (a distance of exactly 2 A^3 / J^2) or for tiny distances, and may
+        # give the same profile in phases that are not symmetric.
+        t = symmetric
+    found = Phases(max(1, _up(t[0])), _up(t[1]), _up(t[3]))
     v, a, j = found.peaks(distance)
     if v > speed * (1 + 1e-9) or a > acceleration * (1 + 1e-9) or j > jerk * (1 + 1e-9):
         raise ImpossiblePlan(
             f"the profile over {distance:.6g} mm reaches {v:.6g} mm/s, {a:.6g} mm/s2, {j:.6g} mm/s3: above its limits"
         )
     return found
+
+
+def closed_form(distance: float, speed: float, acceleration: float, jerk: float) -> tuple[float, float, float]:
+    """Seconds of jerk, steady acceleration and cruise of the fastest rest-to-rest profile."""
+    tj, ta = (acceleration / jerk, speed / acceleration - acceleration / jerk)
+    if ta < 0.0:
+        tj, ta = float(np.sqrt(speed / jerk)), 0.0
+    ramps = speed * (2.0 * tj + ta)
+    if distance >= ramps:
+        return tj, ta, (distance - ramps) / speed
+    if distance <= 2.0 * acceleration**3 / jerk**2:
+        return float(np.cbrt(distance / (2.0 * jerk))), 0.0, 0.0
+    tj = acceleration / jerk
+    return tj, max(0.0, (float(np.sqrt(tj * tj + 4.0 * distance / acceleration)) - 3.0 * tj) / 2.0), 0.0
 
 
 def _up(seconds: float) -> int:
