@@ -19,12 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from output.ebb import encode_families
-from output.ebb.arithmetic import State
+from output.ebb.arithmetic import ONE_STEP, State
 from output.ebb.commands import EM, LT, SC, SM, SP, SR, Command
 from output.ebb.encode_families import Family, Sizing
 from output.ebb.encode_pieces import PRIMED, borders_of
 from output.ebb.firmware import Firmware
 from output.ebb.program import LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
+from output.errors import BadCommand
 from planning.motion.limits import Kinematics
 from planning.motion.plan import Action, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
 
@@ -139,8 +140,15 @@ class _Encoder:
         if not self.started:
             self.started = True
             self.family.state = self._at(motion.start_mm)
-        if len(motion):
-            yield from self.family.motion(borders_of(motion, self.setup.kinematics, self.setup.origin_mm))
+        if not len(motion):
+            return
+        borders = borders_of(motion, self.setup.kinematics, self.setup.origin_mm)
+        away = np.abs(borders.x[0] / ONE_STEP - np.array(self.family.state.position)).max()
+        if away > 2.0:
+            raise BadCommand(
+                f"a motion starts {away:.1f} steps from where the one before it ended; the plan has a gap, plan it again"
+            )
+        yield from self.family.motion(borders)
 
     def pen(self, value: int, wait_s: float) -> Command:
         command = _pen(value, wait_s, self.setup)
