@@ -13,7 +13,8 @@ from plotter.svg.style import Style
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """`matrix` maps user units to page millimetres; `level` counts nesting; `uses` are the elements being expanded here."""
+    """`matrix` maps user units to page millimetres; `level` counts nesting; `uses` are the elements being expanded here,
+    and the `<use>` elements that refer to them."""
 
     matrix: Matrix
     style: Style

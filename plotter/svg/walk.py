@@ -380,11 +380,9 @@ class Walk:
         target = self.find(href, "<use>")
         if target is None:
             return
-        if (
-            any(target is one for one in inner.uses)
-            or any(target is one for one in element.iterancestors())
-            or target is element
-        ):
+        # A cycle closes where the target is being drawn already: through a use, or because a use on the way lies inside it.
+        drawn = (*inner.uses, element)
+        if any(target is one for one in drawn) or any(target is above for one in drawn for above in one.iterancestors()):
             self.notes.add("{count} <use> elements refer to themselves and were left out")
             return
         self.use_count += 1
@@ -395,7 +393,7 @@ class Walk:
         x = self.number(element, "x", self._specified(element, "x", inner.style), inner.frame, inner.frame.width) or 0.0
         y = self.number(element, "y", self._specified(element, "y", inner.style), inner.frame, inner.frame.height) or 0.0
         matrix = multiply(inner.matrix, translation(x, y)) if x or y else inner.matrix
-        moved = replace(inner, matrix=matrix, uses=(*inner.uses, target))
+        moved = replace(inner, matrix=matrix, uses=(*inner.uses, element, target))
         kind = self.kind(target.tag)
         if kind not in ("symbol", "svg"):
             self.element(target, moved)

@@ -52,9 +52,11 @@ def as_complex(point: NDArray[np.float64]) -> complex:
 def test_segments_are_those_of_svgpathtools(data: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        expected = [
-            one for one in svgpathtools.parse_path(data) if one.start != one.end or not isinstance(one, svgpathtools.Line)
-        ]
+        try:
+            expected = list(svgpathtools.parse_path(data))
+        except AssertionError:
+            assume(False)  # it refuses arcs that end where they start, which the standard leaves out
+    expected = [one for one in expected if one.start != one.end or not isinstance(one, svgpathtools.Line)]
     commands_, damage = parse_paths([data])
     assert not damage
     found = resolve(commands_)
