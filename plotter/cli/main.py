@@ -37,6 +37,7 @@ class LazyGroup(click.Group):
         "send": "plotter.cli.send:send",
         "layers": "plotter.cli.reading:layers",
         "strokes": "plotter.cli.reading:strokes",
+        **{name: f"plotter.cli.board:{name}" for name in ("ports", "board", "pen", "move", "home", "align", "disable")},
         "machines": "plotter.cli.settings:machines",
         "settings": "plotter.cli.settings:show_settings",
         "virtual": "plotter.cli.virtual:virtual",

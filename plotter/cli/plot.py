@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,8 @@ from output.ebb.ports import choose_port
 from output.ebb.session import StreamResult, connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from planning.motion.limits import Kinematics
+from planning.motion.plan import Action, OperatorPause
+from plotter.cli.keys import keys
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes, progress_bar
@@ -54,10 +58,10 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
         with start_virtual_board(
             firmware=settings.firmware, speed=speed, record=record, keep_wire=False, patience_s=patience_s(speed)
         ) as virtual:
-            _plot_on(job, virtual.port, speed)
+            _plot_on(job, virtual.port, speed, attended=sys.stdin.isatty())
             _keep_picture(virtual, picture, job)
         return
-    _plot_on(job, device, 1.0)
+    _plot_on(job, device, 1.0, attended=True)
 
 
 def patience_s(speed: float) -> float:
@@ -65,15 +69,31 @@ def patience_s(speed: float) -> float:
     return 0.0 if speed <= 1 else 5.0
 
 
-def _plot_on(job: Job, port: str, board_speed: float) -> None:
-    tally = PlanTally()
-    with connect(port, board_speed=board_speed) as board, progress_bar(job.stroke_count) as bar:
+def _plot_on(job: Job, port: str, board_speed: float, *, attended: bool) -> None:
+    tally, stop = PlanTally(), StopFlag()
+    with connect(port, board_speed=board_speed) as board:
         setup = board_setup(job.settings, job.machine, board.firmware)
-        items = bar.watch(program(tally.watch(planned(job)), setup))
+        actions = planned(job) if attended else _without_pauses(planned(job))
         started = time.monotonic()
-        result = board.stream(items, on_progress=bar.show, stop=StopFlag())
+        with progress_bar(_guesses_s(job)) as bar, keys(stop):
+            result = board.stream(program(tally.watch(actions), setup), on_progress=bar.show, stop=stop)
     finish(result, f"{job.name} on {board.port_name}, firmware {board.firmware}")
     click.echo(_summary(job, tally.total, result, time.monotonic() - started))
+
+
+def _guesses_s(job: Job) -> list[float]:
+    """About how long each stroke takes, lifts included; the bar corrects the common factor."""
+    lifts_s = job.settings.lift_time + job.settings.lower_time + 0.2
+    return [lifts_s + stroke.length_mm / job.settings.draw_speed for layer in job.layers for stroke in layer.strokes]
+
+
+def _without_pauses(actions: Iterable[Action]) -> Iterator[Action]:
+    """The virtual board with nobody at a keyboard: a pause would never end, so it is said and passed over."""
+    for action in actions:
+        if isinstance(action, OperatorPause):
+            notes([f"the pause '{action.message}' is passed over: nobody is at a keyboard"])
+        else:
+            yield action
 
 
 def finish(result: StreamResult, where: str) -> None:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 import click
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 
-from output.ebb.board_time import board_time_s
-from output.ebb.commands import Command
-from output.ebb.program import Mark
 from output.ebb.stream import Progress as StreamProgress
+from output.ebb.stream import State
 from plotter.units import spoken_duration
 
 
@@ -24,13 +23,16 @@ def notes(sentences: Iterable[str]) -> None:
 
 
 class Bar:
-    """A progress bar in board time: how much of the plot the board has executed, and how long the rest takes."""
+    """A progress bar on stderr, when that is a terminal: strokes done and board time left.
 
-    def __init__(self, total_strokes: int) -> None:
-        self.total_strokes = total_strokes
+    `guess_s` is a guess for each stroke with its travel and lifts; it is corrected by how long the strokes done have taken.
+    """
+
+    def __init__(self, guess_s: Sequence[float]) -> None:
+        self._until_s = np.concatenate(([0.0], np.cumsum(np.asarray(guess_s, dtype=np.float64))))
+        self._strokes = len(guess_s)
+        self._paused = ""
         self.progress: Progress | None = None
-        self.total_s = 0.0
-        self._planned = False
         if sys.stderr.isatty():
             self.progress = Progress(
                 TextColumn("{task.description}"),
@@ -40,38 +42,37 @@ class Bar:
                 console=Console(file=sys.stderr),
                 transient=True,
             )
-            self._task = self.progress.add_task("plotting", total=max(total_strokes, 1), left="")
+            self._task = self.progress.add_task("plotting", total=1.0, left="")
 
-    def watch(self, items: Iterable[Command | Mark]) -> Iterator[Command | Mark]:
-        """The same items, adding up their board time: the bar counts strokes until all is planned, and time from then on."""
-        total_s = 0.0
-        for item in items:
-            if isinstance(item, Command):
-                total_s += board_time_s(item)
-            yield item
-        self.total_s, self._planned = total_s, True
+    def left_s(self, done: StreamProgress) -> float:
+        """Board time left: what was guessed for the strokes to come, scaled by guess and truth of those done."""
+        at = min(done.strokes_done, self._strokes)
+        guessed_s, all_s = float(self._until_s[at]), float(self._until_s[-1])
+        pace = done.board_time_s / guessed_s if guessed_s else 1.0
+        return max(all_s * pace - done.board_time_s, 0.0)
 
     def show(self, done: StreamProgress) -> None:
         """Called by the stream; must never fail for a terminal that went away."""
-        if self.progress is None:
-            return
-        name = done.layer.name if done.layer is not None else ""
-        text = f"{name} stroke {min(done.strokes_done + 1, self.total_strokes)} of {self.total_strokes}"
+        paused = done.message if done.state is State.PAUSED else ""
         try:
-            if self._planned:
-                left = f"{spoken_duration(max(self.total_s - done.board_time_s, 0.0))} left"
-                total, completed = max(self.total_s, 1e-9), done.board_time_s
-            else:
-                left, total, completed = "planning ahead", float(max(self.total_strokes, 1)), float(done.strokes_done)
-            self.progress.update(self._task, description=text, total=total, completed=completed, left=left)
+            if paused and paused != self._paused:
+                click.echo(f"paused: {paused}; p or the board's button goes on, q or Ctrl-C ends the plot", err=True)
+            self._paused = paused
+            if self.progress is not None:
+                left_s = self.left_s(done)
+                share = done.board_time_s / max(done.board_time_s + left_s, 1e-9)
+                layer = f"{done.layer.name}: " if done.layer is not None else ""
+                text = f"{layer}stroke {min(done.strokes_done + 1, self._strokes)} of {self._strokes}"
+                left = "paused" if paused else f"{spoken_duration(left_s)} left"
+                self.progress.update(self._task, description=text, completed=share, left=left)
         except OSError:
             self.progress = None
 
 
 @contextmanager
-def progress_bar(total_strokes: int) -> Iterator[Bar]:
+def progress_bar(guess_s: Sequence[float]) -> Iterator[Bar]:
     """A bar on stderr while the context lasts, when stderr is a terminal."""
-    bar = Bar(total_strokes)
+    bar = Bar(guess_s)
     if bar.progress is None:
         yield bar
         return

@@ -11,6 +11,7 @@ from output.ebb.ports import choose_port
 from output.ebb.session import connect
 from output.ebb.verify import verify
 from output.ebb.virtual.process import start_virtual_board
+from plotter.cli.keys import keys
 from plotter.cli.plot import SIM, finish, patience_s
 from plotter.cli.say import progress_bar
 from plotter.cli.verify import DEFAULT_FIRMWARE, DEFAULT_MACHINE
@@ -55,7 +56,8 @@ def _send_to(port: str, file: str, header: dict[str, str], items: list[Line], bo
             raise BadInput(
                 f"{file} was not sent to firmware {board.firmware}: {report.problems[0]}; see `plotter verify {file}`"
             )
-        with progress_bar(report.pen_lifts) as bar:
-            result = board.stream(bar.watch(line.item for line in items), on_progress=bar.show, stop=StopFlag())
+        stop = StopFlag()
+        with progress_bar([report.duration_s]) as bar, keys(stop):
+            result = board.stream((line.item for line in items), on_progress=bar.show, stop=stop)
     finish(result, f"{file} on {board.port_name}")
     click.echo(f"sent {file}: {report.commands} commands, {spoken_duration(report.duration_s)} of board time")
