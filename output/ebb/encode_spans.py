@@ -78,6 +78,7 @@ def cut(samples: Samples, order: int, tolerance: float, least_ticks: int, most_t
     n = len(samples.ticks) - 1
     best = np.zeros(n, dtype=np.int64)
     off_best = np.zeros(n)
+    misses = 0
     for m in _lengths(samples, most_ticks):
         starts = np.arange(n - m + 1)
         lasts = samples.ticks[m:] - samples.ticks[:-m]
@@ -89,6 +90,11 @@ def cut(samples: Samples, order: int, tolerance: float, least_ticks: int, most_t
         take = (fits | (best[starts] == 0)) & ((lasts >= least_ticks) | ends)
         best[starts[take]] = m
         off_best[starts[take]] = off[take]
+        # Errors grow with the length: when nothing has fitted for a while, nothing will.
+        misses = 0 if fits.any() else misses + 1
+        if misses > 3 and best.all():
+            break
+    best = np.maximum(best, 1)
     cuts, at, worst, lengths = [0], 0, 0.0, best.tolist()
     while at < n:
         worst = max(worst, float(off_best[at]))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from output.ebb import arithmetic, arithmetic_old
-from output.ebb.arithmetic import ONE_STEP, TICKS_PER_MS, NeverEnds, State, StepRateRefused, ticks_of_wait
+from output.ebb.arithmetic import ONE_STEP, STILL, TICKS_PER_MS, NeverEnds, Profile, State, StepRateRefused, ticks_of_wait
 from output.ebb.command_file import Line
 from output.ebb.commands import CS, CU, EM, LT, S2, SC, SM, SP, T3, TD, TP, XM, Command, MotionCommand, R
 from output.ebb.firmware import Firmware
@@ -28,6 +28,8 @@ _PEN_PIN = 4  # RP4 is RB1, the pen servo
 # Within these bounds int64 holds every sum of a row's rates; others are computed with Python's integers.
 _LONGEST = 1 << 20
 _STEEPEST = 1 << 40
+_HUGE = 1 << 62
+HALF = ONE_STEP // 2
 
 # ticks, dead ticks, Rate, Accel and Jerk of both axes, kind, place of the command
 _Row = tuple[int, int, int, int, int, int, int, int, int, int]
@@ -87,6 +89,7 @@ class Replay:
     _tag: tuple[bool, int, int] = (False, 0, -1)
     _line: int = 0
     _rows: list[_Row] = field(default_factory=list)
+    _counted: list[tuple[int, ...]] = field(default_factory=list)
     _tags: list[tuple[int, tuple[bool, int, int]]] = field(default_factory=list)
 
     def rows(self) -> Iterator[Rows]:
@@ -96,23 +99,11 @@ class Replay:
         plain = not self.firmware.old_arithmetic
         for entry in self.program:
             item = entry.item if isinstance(entry, Line) else entry
-            if plain and type(item) is T3 and item.clear is None and item.intervals <= _LONGEST:
+            if plain and type(item) is T3 and item.clear is None and item.intervals <= _LONGEST and not self._counted:
                 if not self._tags or self._tags[-1][1] is not self._tag:
                     self._retag()
-                self._rows.append(
-                    (
-                        item.intervals,
-                        1,
-                        item.rate1,
-                        item.accel1,
-                        item.jerk1,
-                        item.rate2,
-                        item.accel2,
-                        item.jerk2,
-                        MOVE,
-                        self.commands,
-                    )
-                )
+                one, two = (item.rate1, item.accel1, item.jerk1), (item.rate2, item.accel2, item.jerk2)
+                self._rows.append((item.intervals, 1, *one, *two, MOVE, self.commands))
                 self.commands += 1
                 if len(self._rows) >= _CHUNK_ROWS:
                     yield self._flush()
@@ -124,22 +115,27 @@ class Replay:
             index, self.commands = self.commands, self.commands + 1
             if (refusal := self.firmware.refusal(item)) is not None:
                 self._problem(refusal)
+                continue
+            counts = isinstance(item, MotionCommand) and not self._is_timed(item)
+            # What moves in one way ends what was gathered in the other; whatever may clear the counters ends both.
+            if self._rows and (counts or not item.queued or isinstance(item, EM)):
+                yield self._flush()
+            if self._counted and ((not counts and not isinstance(item, SP | TP | S2)) or len(self._counted) >= _CHUNK_ROWS):
+                yield self._flush_counted()
+            if counts and isinstance(item, MotionCommand):
+                self._count(item, index)
             elif not self._gathers(item, index):
-                if self._rows:
-                    yield self._flush()
-                if isinstance(item, MotionCommand):
-                    yield from self._slow(item, index)
-                else:
-                    self._immediate(item, index)
+                self._immediate(item, index)
             if len(self._rows) >= _CHUNK_ROWS:
                 yield self._flush()
         if self._rows:
             yield self._flush()
+        if self._counted:
+            yield self._flush_counted()
 
     def counters(self) -> tuple[int, int]:
         """Physical steps so far."""
-        (one, two), k = self._state.position, self._scale
-        return (self._shift[0] + one * k, self._shift[1] + two * k)
+        return self._physical(self._state.position)
 
     def _problem(self, text: str) -> None:
         self.problems.append(f"line {self._line}: {text}" if self._line else text)
@@ -157,37 +153,41 @@ class Replay:
             case Note(text=text):
                 self.notes.append(text)
 
+    def _is_timed(self, command: Command) -> bool:
+        """Whether the command's sum of rates can be added up with arrays: or it only waits."""
+        c = command
+        if isinstance(c, T3 | LT | TD):
+            return not self.firmware.old_arithmetic and c.clear is None and c.intervals <= _LONGEST
+        if isinstance(c, SM):
+            return not c.steps1 and not c.steps2 and not self._counted
+        return isinstance(c, XM) and not c.steps_a and not c.steps_b and not self._counted
+
     def _gathers(self, command: Command, index: int) -> bool:
-        """Keep a command that lasts a given time for the next flush: True when it is one."""
+        """Keep a timed command, a wait or a pen move for the next flush: True when it is one."""
         c = command
         if isinstance(c, T3):
-            return self._timed(c, c.intervals, (c.rate1, c.accel1, c.jerk1), (c.rate2, c.accel2, c.jerk2), index)
-        if isinstance(c, LT):
-            return self._timed(c, c.intervals, (c.rate1, c.accel1, 0), (c.rate2, c.accel2, 0), index)
-        if isinstance(c, TD):
-            halves = (
-                ((c.rate1a, 0, c.jerk1), (c.rate2a, 0, c.jerk2)),
-                ((c.rate1b, c.accel1, -c.jerk1), (c.rate2b, c.accel2, -c.jerk2)),
-            )
-            return all([self._timed(c, c.intervals, one, two, index) for one, two in halves])
-        if (isinstance(c, SM) and not c.steps1 and not c.steps2) or (isinstance(c, XM) and not c.steps_a and not c.steps_b):
+            self._timed(c.intervals, (c.rate1, c.accel1, c.jerk1), (c.rate2, c.accel2, c.jerk2), index)
+        elif isinstance(c, LT):
+            self._timed(c.intervals, (c.rate1, c.accel1, 0), (c.rate2, c.accel2, 0), index)
+        elif isinstance(c, TD):
+            self._timed(c.intervals, (c.rate1a, 0, c.jerk1), (c.rate2a, 0, c.jerk2), index)
+            self._timed(c.intervals, (c.rate1b, c.accel1, -c.jerk1), (c.rate2b, c.accel2, -c.jerk2), index)
+        elif isinstance(c, SM | XM):
             self._still(min(c.duration_ms, self.firmware.max_delay_ms) * TICKS_PER_MS, WAIT, index)
-            return True
-        if isinstance(c, SP | TP | S2) and c.queued:
+        elif isinstance(c, SP | TP | S2) and c.queued:
             self._servo_move(c, index)
-            return True
-        return False
-
-    def _timed(
-        self, command: T3 | LT | TD, ticks: int, one: tuple[int, int, int], two: tuple[int, int, int], index: int
-    ) -> bool:
-        if self.firmware.old_arithmetic or command.clear is not None or ticks > _LONGEST:
+        else:
             return False
-        self._retag()
-        self._rows.append((ticks, 1, *one, *two, MOVE, index))
         return True
 
+    def _timed(self, ticks: int, one: tuple[int, int, int], two: tuple[int, int, int], index: int) -> None:
+        self._retag()
+        self._rows.append((ticks, 1, *one, *two, MOVE, index))
+
     def _still(self, ticks: int, kind: int, index: int) -> None:
+        if self._counted:
+            self._keep_counted(max(ticks, 1), 0, self._still_phase(), self.counters(), (STILL, STILL), kind, index)
+            return
         self._retag()
         self._rows.append((max(ticks, 1), 0, 0, 0, 0, 0, 0, 0, kind, index))
 
@@ -240,7 +240,7 @@ class Replay:
         self._shift = self.counters()
         self._state = State()
 
-    def _slow(self, command: MotionCommand, index: int) -> Iterator[Rows]:
+    def _count(self, command: MotionCommand, index: int) -> None:
         """One command through the scalar arithmetic."""
         execute = arithmetic_old.execute if self.firmware.old_arithmetic else arithmetic.execute
         try:
@@ -253,30 +253,54 @@ class Replay:
             return
         if done.overflow:
             self._overflow(command.wire())
-        n, k = len(done.segments), self._scale
-        counter = np.empty((n + 1, 2), dtype=np.int64)
-        counter[0] = self.counters()
-        for i, segment in enumerate(done.segments[1:], 1):
-            counter[i] = np.array(self._shift) + k * ((np.array(segment.phase) + ONE_STEP // 2) >> 31)
+        counter, kind = self.counters(), MOVE
+        if done.ticks == 1 and done.state.position == self._state.position:
+            kind = WAIT
+        for i, segment in enumerate(done.segments):
+            if i:
+                counter = self._physical(((segment.phase[0] + HALF) >> 31, (segment.phase[1] + HALF) >> 31))
+            dead = done.dead_ticks if i == len(done.segments) - 1 else 0
+            self._keep_counted(segment.ticks, dead, segment.phase, counter, segment.profile, kind, index)
         self._state = done.state
-        counter[n] = self.counters()
-        profiles = np.array([segment.profile for segment in done.segments], dtype=np.int64) * k
-        dead = np.zeros(n, dtype=np.int64)
-        dead[-1] = done.dead_ticks
-        down, layer, stroke = self._tag
-        yield Rows(
-            ticks=np.array([segment.ticks for segment in done.segments], dtype=np.int64),
-            dead=dead,
-            phase=np.array([segment.phase for segment in done.segments], dtype=np.int64) * k + np.array(self._shift) * ONE_STEP,
-            counter=counter,
-            r0=profiles[:, :, 0],
-            accel=profiles[:, :, 1],
-            jerk=profiles[:, :, 2],
-            kind=np.full(n, WAIT if done.ticks == 1 and counter[0].tolist() == counter[-1].tolist() else MOVE),
-            pen_down=np.full(n, down),
-            layer=np.full(n, layer),
-            stroke=np.full(n, stroke),
-            command=np.full(n, index),
+
+    def _still_phase(self) -> tuple[int, int]:
+        return tuple(p * ONE_STEP + a - HALF for p, a in zip(self._state.position, self._state.acc, strict=True))  # type: ignore[return-value]
+
+    def _physical(self, steps: tuple[int, int]) -> tuple[int, int]:
+        return (self._shift[0] + steps[0] * self._scale, self._shift[1] + steps[1] * self._scale)
+
+    def _keep_counted(
+        self,
+        ticks: int,
+        dead: int,
+        phase: tuple[int, int],
+        counter: tuple[int, int],
+        profile: tuple[Profile, Profile],
+        kind: int,
+        index: int,
+    ) -> None:
+        k = self._scale
+        physical = [phase[axis] * k + self._shift[axis] * ONE_STEP for axis in (0, 1)]
+        rates = [value * k for axis in (0, 1) for value in profile[axis]]
+        row = (ticks, dead, *physical, *counter, *rates, kind, *self._tag, index)
+        self._counted.append(tuple(min(max(int(value), -_HUGE), _HUGE) for value in row))
+
+    def _flush_counted(self) -> Rows:
+        raw = np.array(self._counted, dtype=np.int64)
+        self._counted = []
+        return Rows(
+            ticks=raw[:, 0],
+            dead=raw[:, 1],
+            phase=raw[:, 2:4],
+            counter=np.vstack((raw[:, 4:6], np.array([self.counters()]))),
+            r0=raw[:, [6, 9]],
+            accel=raw[:, [7, 10]],
+            jerk=raw[:, [8, 11]],
+            kind=raw[:, 12],
+            pen_down=raw[:, 13].astype(np.bool_),
+            layer=raw[:, 14],
+            stroke=raw[:, 15],
+            command=raw[:, 16],
         )
 
     def _overflow(self, wire: str) -> None:
