@@ -27,6 +27,7 @@ class Abilities:
     `counts_queue`  QU,6 tells how many commands wait (3.0.1);
     `deep_queue`    QU,2, QU,3 and CU,4: a queue deeper than one (3.0.0), future syntax with it;
     `pen_now`       SP,2 and SP,3 raise the pen past the queue (3.0.1);
+    `stop_clears`   ES empties the whole queue (3.0.0); before, servo moves, delays and LT stay in it;
     `stop_frees`    ES,1 also lets go of the motors (2.8.0);
     `variables`     how many bytes SL and QL have: 32 (3.0.0) or 1;
     `power_flag`    CU,60 and bit 6 of QG tell of lost motor power (3.0.0).
@@ -56,6 +57,10 @@ class Abilities:
     @property
     def pen_now(self) -> bool:
         return self.version >= (3, 0, 1)
+
+    @property
+    def stop_clears(self) -> bool:
+        return self.version >= (3, 0, 0)
 
     @property
     def stop_frees(self) -> bool:

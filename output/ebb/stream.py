@@ -19,7 +19,7 @@ from typing import Protocol as Interface
 
 from output.ebb.abilities import Abilities
 from output.ebb.board_time import board_time_s
-from output.ebb.commands import Command
+from output.ebb.commands import S2, SP, TP, Command
 from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, complaint
 from output.ebb.flow import QueueModel
@@ -98,6 +98,11 @@ class _Sent:
     queued: int
     index: int
     seconds: float
+
+
+def _may_lower(command: Command) -> bool:
+    """Whether the pen may go down by it; which way a servo on another pin goes is not known here."""
+    return isinstance(command, TP | S2) or (isinstance(command, SP) and command.value == 0)
 
 
 class Streamer:
@@ -197,8 +202,13 @@ class Streamer:
         lead_s = self.model.lead_s(self._talk.clock())
         if len(self._in_flight) >= (_PIPELINE if lead_s > _CAREFUL_LEAD_S else 1):
             return False
-        if command.waits_for_idle:
-            return self.model.is_empty and self._idle and not self._in_flight
+        if command.waits_for_idle or (not self._abilities.stop_clears and _may_lower(command)):
+            # Firmware 2 keeps a pen-down in its queue through ES: were it queued behind a travel, a stop would leave a dot
+            # wherever the travel was cut off. The pen is at rest before it is lowered, so that waiting costs milliseconds.
+            if not (self.model.is_empty and self._idle and not self._in_flight):
+                return False
+            self.model.expect_idle()
+            return True
         if not command.queued:
             return True
         if command.fifo_entries > self.model.depth:
