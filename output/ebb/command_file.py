@@ -20,6 +20,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from io import StringIO
 from itertools import chain
 from pathlib import Path
 from typing import IO, NamedTuple, TextIO
@@ -157,3 +158,10 @@ def _opened(target: str | Path | TextIO, mode: str) -> Iterator[IO[str]]:
 
 def _one_line(value: object) -> str:
     return " ".join(str(value).split())
+
+
+def command_text(header: Mapping[str, object], program: Iterable[Command | Mark]) -> str:
+    """The whole command file as text: the same for the same program, for golden files."""
+    text = StringIO()
+    write_command_file(text, header, program)
+    return text.getvalue()
