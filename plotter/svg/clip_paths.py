@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from plotter.errors import BadInput
 from plotter.svg.areas import EMPTY, area_of
 from plotter.svg.clip import Clip, clipped_area
 from plotter.svg.collector import Shape
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from plotter.svg.walk import Walk
 
 _URL = re.compile(r"url\(\s*[\"']?\s*#([^\"')]+?)\s*[\"']?\s*\)")
+
+_DEEPEST = 50
 
 Box = tuple[float, float, float, float]
 
@@ -78,6 +81,9 @@ class ClipPaths:
         if any(element is one for one in self._open):
             self._walk.notes.add("{count} clip paths refer to themselves and were ignored")
             return None
+        if len(self._open) >= _DEEPEST:
+            name = self._walk.name(element)
+            raise BadInput(f"{name} stands in a chain of more than {_DEEPEST} clip paths that refer to each other; simplify it")
         units = matrix
         if element.get("clipPathUnits") == "objectBoundingBox":
             bounds = box()

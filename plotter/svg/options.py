@@ -22,7 +22,7 @@ class Budgets:
     elements: int = 2_000_000
     nesting: int = 256
     uses: int = 100_000
-    markers: int = 50_000
+    markers: int = 40_000
     points: int = 20_000_000
     dashes: int = 300_000
     characters: int = 100_000

@@ -54,10 +54,8 @@ def test_clip_units_nesting_use_and_transforms() -> None:
     assert rounded(page(f'<defs>{used}</defs><path clip-path="url(#c)" d="M0 5H40"/>')) == [[[5, 5], [15, 5]]]
     nested = SQUARE + '<clipPath id="d" clip-path="url(#c)"><rect x="20" y="0" width="50" height="50"/></clipPath>'
     assert rounded(page(nested + '<path clip-path="url(#d)" d="M0 20H90"/>')) == [[[20, 20], [30, 20]]]
-    inner = (
-        SQUARE
-        + '<clipPath id="d"><rect clip-path="url(#c)" x="20" y="0" width="50" height="50"/><rect width="5" height="50"/></clipPath>'
-    )
+    part = '<rect clip-path="url(#c)" x="20" y="0" width="50" height="50"/>'
+    inner = SQUARE + f'<clipPath id="d">{part}<rect width="5" height="50"/></clipPath>'
     assert rounded(page(inner + '<path clip-path="url(#d)" d="M0 20H90"/>')) == [[[0, 20], [5, 20]], [[20, 20], [30, 20]]]
     moved = SQUARE + '<g transform="translate(100) scale(-1 1)"><path clip-path="url(#c)" d="M0 20H90"/></g>'
     assert rounded(page(moved)) == [[[90, 20], [70, 20]]]

@@ -29,7 +29,7 @@ def box_mm(drawing: Drawing) -> list[float]:
 SQUARES = {
     "px": f'<svg {SVG} width="500" height="500"><rect width="377.952755905511811" height="377.952755905511811"/></svg>',
     "mm lengths": f'<svg {SVG} width="20cm" height="200mm"><rect width="100mm" height="10cm"/></svg>',
-    "inches": f'<svg {SVG} width="10in" height="10in"><rect width="3.93700787401574803in" height="283.464566929133858pt"/></svg>',
+    "inches": f'<svg {SVG} width="10in" height="10in"><rect width="3.937007874015748in" height="283.4645669291339pt"/></svg>',
     "pc and Q": f'<svg {SVG} width="100pc" height="1600Q"><rect width="23.6220472440944882pc" height="400Q"/></svg>',
     "viewBox in mm": f'<svg {SVG} width="210mm" height="297mm" viewBox="0 0 210 297"><rect width="100" height="100"/></svg>',
     "viewBox with an origin": (
@@ -165,7 +165,8 @@ def test_transforms(transform: str, point: tuple[float, float]) -> None:
 
 
 def test_css_transform_and_origin_win_over_the_attribute() -> None:
-    body = '<path transform="scale(9)" style="transform:rotate(90deg) translateX(2px);transform-origin:50% 10px" d="M50 10L60 10"/>'
+    body = '<path transform="scale(9)" style="transform:rotate(90deg) translateX(2px);transform-origin:50% 10px" '
+    body += 'd="M50 10L60 10"/>'
     assert rounded(page(body)) == [[[50, 12], [50, 22]]]
 
 

@@ -1,0 +1,180 @@
+"""Text as outlines and as single lines, and markers."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+from plotter.errors import BadInput
+from plotter.svg import font_engine, text_single
+from plotter.svg.along import track_of
+from plotter.svg.options import Budgets
+from tests.plotter.svg_help import page, polylines, rounded
+
+ENGINE = font_engine.available() and "DejaVu Sans" in font_engine.families()
+needs_engine = pytest.mark.skipif(not ENGINE, reason="needs the extra `text` and the font DejaVu Sans")
+needs_single = pytest.mark.skipif(not text_single.available(), reason="needs the package Hershey-Fonts")
+
+LABEL = '<text x="10" y="50" font-family="DejaVu Sans" font-size="20" stroke="none" fill="red">Ho</text>'
+
+
+@needs_engine
+def test_outlines_of_glyphs_keep_colour_layer_and_order() -> None:
+    drawing = page(f'<g id="a"><path d="M0 0h5"/>{LABEL}<path d="M9 9h5"/></g>')
+    (layer,) = drawing.layers
+    assert layer.name == "a"
+    assert [stroke.color for stroke in layer.strokes] == ["#000000", *["#ff0000"] * 3, "#000000"]
+    letters = np.concatenate([stroke.points_mm for stroke in layer.strokes[1:4]])
+    assert letters.min(axis=0)[0] > 10 and letters[:, 1].max() == pytest.approx(50, abs=0.4)
+    # A capital of DejaVu Sans is 0.729 em high.
+    assert np.ptp(layer.strokes[1].points_mm[:, 1]) == pytest.approx(0.729 * 20, abs=0.02)
+    assert drawing.warnings == ("text was drawn as outlines in DejaVu Sans",)
+
+
+@needs_engine
+def test_transforms_clips_and_anchors_hold_for_text() -> None:
+    plain = np.concatenate(polylines(page(LABEL)))
+    moved = np.concatenate(polylines(page(f'<g transform="translate(5 7) scale(2)">{LABEL}</g>')))
+    assert np.allclose(moved.min(axis=0), plain.min(axis=0) * 2 + (5, 7), atol=0.02)
+    clip = '<clipPath id="c"><rect x="0" y="0" width="100" height="40"/></clipPath>'
+    assert np.concatenate(polylines(page(f'{clip}<g clip-path="url(#c)">{LABEL}</g>')))[:, 1].max() <= 40 + 1e-6
+    ended = np.concatenate(polylines(page(LABEL.replace("<text", '<text text-anchor="end"'))))
+    assert ended[:, 0].max() <= 10
+
+
+@needs_engine
+def test_a_font_that_is_not_there_is_replaced_and_said() -> None:
+    drawing = page(LABEL.replace("DejaVu Sans", "Nowhere, serif"))
+    assert drawing.stroke_count == 3
+    assert drawing.warnings == ("text was drawn as outlines in DejaVu Serif (for Nowhere, which is not installed)",)
+
+
+@needs_engine
+def test_much_text_set_here_stands_where_the_engine_sets_it() -> None:
+    """Beyond 200 texts plain ones are set glyph by glyph; kerned, they stand where the engine alone puts them."""
+    label = '<text x="{}" y="{}" font-family="DejaVu Sans" font-size="10">AVAToy</text>'
+    few = polylines(page(label.format(5, 50)))
+    many = polylines(page(label.format(5, 50) + "".join(label.format(5, 60 + i) for i in range(250))))
+    assert len(many) == 251 * len(few)
+    few_box, many_box = (np.concatenate(one) for one in (few, many[: len(few)]))
+    assert np.allclose(few_box.min(axis=0), many_box.min(axis=0), atol=0.01)
+    assert np.allclose(few_box.max(axis=0), many_box.max(axis=0), atol=0.01)
+
+
+@needs_engine
+def test_the_engine_sees_neither_files_nor_the_network() -> None:
+    document = b'<svg xmlns="http://www.w3.org/2000/svg"><image width="9" height="9" href="/etc/hostname"/></svg>'
+    assert b"<image" not in font_engine.outlines(document)
+
+
+def test_text_is_named_where_it_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    skipped = page(LABEL, text="skip")
+    assert skipped.stroke_count == 0 and any("1 texts were left out; --text" in warning for warning in skipped.warnings)
+    monkeypatch.setattr(font_engine, "available", lambda: False)
+    monkeypatch.setattr(text_single, "available", lambda: False)
+    assert any("need a font engine" in warning for warning in page(LABEL).warnings)
+    assert any("Hershey-Fonts" in warning for warning in page(LABEL, text="single").warnings)
+
+
+def test_far_too_much_text_is_refused() -> None:
+    with pytest.raises(BadInput, match="--max-characters"):
+        page(f"<text>{'x' * 50}</text>", budgets=Budgets(characters=49))
+
+
+@needs_single
+def test_single_line_text() -> None:
+    drawing = page('<text x="10" y="50" font-size="30">H</text>', text="single")
+    # Three strokes, capitals 0.7 em high, standing on the baseline.
+    assert [len(one) for one in polylines(drawing)] == [2, 2, 2]
+    every = np.concatenate(polylines(drawing))
+    assert every[:, 1].min() == pytest.approx(50 - 21) and every[:, 1].max() == pytest.approx(50)
+    assert drawing.warnings == ("1 texts were drawn as single-line strokes in Hershey futural",)
+
+
+@needs_single
+def test_single_line_layout_positions_anchor_spaces_and_unknown_letters() -> None:
+    def spans(body: str) -> list[float]:
+        return [round(float(one[:, 0].min()), 6) for one in polylines(page(body, text="single"))]
+
+    listed = spans('<text x="10 40 70" y="50" font-size="30">III</text>')
+    assert np.diff(listed).tolist() == [30, 30]
+    assert spans('<text y="50" font-size="30">\n  I   I\n </text>') == spans('<text y="50" font-size="30">I I</text>')
+    label = '<text x="50" y="50" text-anchor="{}" font-size="30">II</text>'
+    start, middle, end = (spans(label.format(anchor))[0] for anchor in ("start", "middle", "end"))
+    assert start - middle == pytest.approx(middle - end) and start > middle > end
+    tspan = spans('<text y="50" font-size="30">I<tspan dx="5">I</tspan><tspan x="90">I</tspan></text>')
+    assert tspan[1] - tspan[0] == pytest.approx(5 + spans('<text y="50" font-size="30">II</text>')[1] - tspan[0])
+    assert tspan[2] == pytest.approx(90 + tspan[0])
+    drawing = page('<text y="50">é漢</text>', text="single")
+    assert drawing.stroke_count and any("1 characters are not in the single-line font" in one for one in drawing.warnings)
+
+
+@needs_single
+def test_single_line_text_on_a_path() -> None:
+    body = '<path id="p" stroke="none" d="M50 0V100"/><text font-size="30"><textPath href="#p" startOffset="10">I</textPath></text>'
+    ((begin, end),) = rounded(page(body, text="single"))
+    assert begin[1] == pytest.approx(end[1]) and {round(begin[0]), round(end[0])} == {50, 71}
+
+
+def test_tracks_measure_lines_exactly_and_curves_as_browsers_do() -> None:
+    track = track_of("M0 0L30 40M100 0h5")
+    assert track is not None and track.length == pytest.approx(55)
+    assert track.at(25) == pytest.approx((15, 20, np.arctan2(4, 3)))
+    assert track.at(52) == pytest.approx((102, 0, 0))
+    assert track.at(56) is None and track.at(-1) is None
+    curve = track_of("M0 0C0 55.2 44.8 100 100 100")
+    assert curve is not None and curve.length == pytest.approx(np.pi * 50, abs=0.5)
+    assert track_of("") is None
+
+
+MARKER = '<marker id="m" refX="1" refY="1" markerWidth="4" markerHeight="4" {}><path d="M0 1H2" stroke="red"/></marker>'
+
+
+def marked(marker: str, shape: str) -> list[list[list[float]]]:
+    return rounded(page(MARKER.format(marker) + shape))[1:]
+
+
+def test_markers_stand_on_vertices_after_their_shape() -> None:
+    shape = '<path marker-start="url(#m)" marker-mid="url(#m)" marker-end="url(#m)" d="M10 10H20V30"/>'
+    assert marked("", shape) == [[[9, 10], [11, 10]], [[19, 10], [21, 10]], [[19, 30], [21, 30]]]
+
+
+def test_markers_turn_with_the_path() -> None:
+    shape = '<path marker-start="url(#m)" marker-end="url(#m)" d="M10 10H20V30"/>'
+    assert marked('orient="auto"', shape) == [[[9, 10], [11, 10]], [[20, 29], [20, 31]]]
+    assert marked('orient="auto-start-reverse"', shape) == [[[11, 10], [9, 10]], [[20, 29], [20, 31]]]
+    assert marked('orient="90"', shape)[0] == [[10, 9], [10, 11]]
+    ((begin, end),) = marked('orient="auto"', '<path marker-mid="url(#m)" d="M10 10H20V30"/>')
+    assert np.allclose(np.subtract(end, begin), [2**0.5, 2**0.5])
+
+
+def test_markers_scale_with_the_stroke_unless_told_not_to() -> None:
+    shape = '<line stroke-width="3" marker-end="url(#m)" x1="10" y1="10" x2="20" y2="10"/>'
+    assert marked("", shape) == [[[17, 10], [23, 10]]]
+    assert marked('markerUnits="userSpaceOnUse"', shape) == [[[19, 10], [21, 10]]]
+    assert marked('viewBox="0 0 2 2"', shape) == [[[14, 10], [26, 10]]]
+
+
+def test_markers_are_cut_at_their_own_box() -> None:
+    body = '<marker id="n" markerWidth="3" markerHeight="3"{}><path d="M-5 1H9" stroke="red"/></marker>'
+    body += '<path marker-end="url(#n)" d="M0 0H50"/>'
+    assert rounded(page(body.format("")))[1] == [[50, 1], [53, 1]]
+    assert rounded(page(body.format(' overflow="visible"')))[1] == [[45, 1], [59, 1]]
+
+
+def test_markers_too_many_missing_or_in_themselves() -> None:
+    missing = page('<path marker-end="url(#none)" d="M0 0H5"/>')
+    assert missing.stroke_count == 1 and any("markers are not there" in warning for warning in missing.warnings)
+    own = page('<marker id="m"><path d="M0 0L1 1" marker-end="url(#m)"/></marker><path marker-end="url(#m)" d="M0 0H5"/>')
+    assert own.stroke_count == 2 and any("refer to themselves" in warning for warning in own.warnings)
+    with pytest.raises(BadInput, match="--max-markers"):
+        page(MARKER.format("") + '<path marker-mid="url(#m)" d="M0 0' + "h1" * 50 + '"/>', budgets=Budgets(markers=40))
+
+
+def test_reading_without_text_loads_no_font_engine() -> None:
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("wasmtime", "HersheyFonts")]:
+        del sys.modules[name]
+    page('<path d="M0 0h5"/>')
+    assert "wasmtime" not in sys.modules and "HersheyFonts" not in sys.modules
