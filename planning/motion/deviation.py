@@ -9,8 +9,10 @@ import numpy as np
 
 from planning.motion.path import Array, Ints, Mask, PathSet
 
-# Samples in each piece. What can happen between them is bounded by |a| dt^2 / 8 and added.
-SAMPLES = 4
+# Each piece is sampled so that what can happen between samples, |a| dt^2 / 8, is this part of the distance that matters; it
+# is added.
+BETWEEN = 0.02
+FEWEST, MOST = 2, 64
 # Neighbours looked at on either side, round after round, while that finds something nearer.
 REACH = (1, 2, 3, 4, 6, 8)
 
@@ -32,29 +34,33 @@ def deviation(
     nearest. A distance below `enough_mm` is not looked at more closely.
     """
     q, v, a, j = states
-    n = len(duration_s)
-    x = np.arange(SAMPLES) / SAMPLES
-    t = x[None, :, None] * duration_s[:, None, None]
-    at = (q[:, None] + t * (v[:, None] + t * (a[:, None] / 2.0 + t * j[:, None] / 6.0))).reshape(-1, 2)
+    most = np.hypot(a[:, 0], a[:, 1]) + np.hypot(j[:, 0], j[:, 1]) * duration_s
+    count = np.clip(np.ceil(duration_s * np.sqrt(most / (8.0 * BETWEEN * enough_mm))), FEWEST, MOST).astype(np.int64)
+    sagitta = most * (duration_s / count) ** 2 / 8.0
+    start = np.cumsum(count) - count
+    piece = np.repeat(np.arange(len(count)), count)
+    x = (np.arange(len(piece)) - start[piece]) / count[piece]
+    t = (x * duration_s[piece])[:, None]
+    at = q[piece] + t * (v[piece] + t * (a[piece] / 2.0 + t * j[piece] / 6.0))
     last = np.concatenate((block[1:] != block[:-1], [True]))
     next_s = np.where(last, span[2][block], np.concatenate((s_guess_mm[1:], [0.0])))
-    guess = (s_guess_mm[:, None] + x * (next_s - s_guess_mm)[:, None]).ravel()
-    off, along = distance_to_path(paths, at, np.repeat(span[0][block], SAMPLES), guess, enough_mm)
-    sagitta = (np.hypot(a[:, 0], a[:, 1]) + np.hypot(j[:, 0], j[:, 1]) * duration_s) * (duration_s / SAMPLES) ** 2 / 8.0
-    miss = off.reshape(n, SAMPLES).max(axis=1) + sagitta
+    guess = s_guess_mm[piece] + x * (next_s - s_guess_mm)[piece]
+    off, along = distance_to_path(paths, at, span[0][block[piece]], guess, enough_mm)
+    miss = np.maximum.reduceat(off, start) + sagitta
 
     vertex, owner_span = _inside(paths, span)
     if len(vertex):
         ends = np.concatenate((at[1:], at[-1:]))
-        ends[np.flatnonzero(last) * SAMPLES + SAMPLES - 1] = span[3][block[last]]
-        first_sample = np.searchsorted(block, np.arange(len(span[0]))) * SAMPLES
-        last_sample = np.searchsorted(block, np.arange(len(span[0])), side="right") * SAMPLES - 1
+        ends[(start + count - 1)[last]] = span[3][block[last]]
+        sample_block = block[piece]
+        first_sample = np.searchsorted(sample_block, np.arange(len(span[0])))
+        last_sample = np.searchsorted(sample_block, np.arange(len(span[0])), side="right") - 1
         near = np.searchsorted(guess, paths.s_mm[vertex]) - 1
         distance, sample = _walk(
             paths.point_mm[vertex], at, ends, near, first_sample[owner_span], last_sample[owner_span], enough_mm
         )
-        np.maximum.at(miss, sample // SAMPLES, distance + sagitta[sample // SAMPLES])
-    return miss, along[::SAMPLES]
+        np.maximum.at(miss, piece[sample], distance + sagitta[piece[sample]])
+    return miss, along[start]
 
 
 def distance_to_path(

@@ -14,11 +14,12 @@ import numpy as np
 from planning.errors import ImpossiblePlan
 from planning.geometry.stroke import Stroke
 from planning.motion.deviation import deviation
+from planning.motion.fit import Fit
 from planning.motion.limits import Kinematics, Limits
 from planning.motion.path import Array, Ints, Mask, path_set, thinned, thinning_mm
 from planning.motion.plan import TICK_S, Motion, still
 from planning.motion.travel import straight
-from planning.motion.tube import Fit, Section, Tuning, fit_sections, knot_spacing_s
+from planning.motion.tube import Section, Tuning, fit_sections, knot_spacing_s
 
 # A longer stroke is planned in windows: memory and work then grow with the window.
 WINDOW_VERTICES = 1500

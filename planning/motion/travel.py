@@ -99,8 +99,8 @@ def phases(distance: float, speed: float, acceleration: float, jerk: float) -> P
     tj, ta, tv = closed_form(distance, speed, acceleration, jerk)
     symmetric = [tj, ta, tj, tv, tj, ta, tj]
     if max(abs(x - y) for x, y in zip(t, symmetric, strict=True)) > 0.25 * TICK_S:
-        # ruckig finds nothing at the very border of two cases (a distance of exactly 2 A^3 / J^2) or for tiny distances, and may
-        # give the same profile in phases that are not symmetric.
+        # ruckig finds nothing at the very border of two cases (a distance of exactly 2 A^3 / J^2) or for tiny distances, and
+        # may give the same profile in phases that are not symmetric.
         t = symmetric
     found = Phases(max(1, _up(t[0])), _up(t[1]), _up(t[3]))
     v, a, j = found.peaks(distance)

@@ -11,13 +11,15 @@ other.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from planning.motion import banded, spline
 from planning.motion.deviation import deviation
+from planning.motion.fit import Fit, joined
+from planning.motion.knots import fewer_pieces
 from planning.motion.limits import Kinematics, Limits
 from planning.motion.path import Array, Ints, Mask, PathSet, path_set
 from planning.motion.plan import TICK_S
@@ -35,6 +37,11 @@ FEWEST_INTERVALS = 6
 PATCH_MARGIN = 2.5
 PATCH_STAGES = 6
 DROPPED = 10_000
+# Pieces 4, 3, 2 knot spacings long where the profile's jerk stays below these parts of its limit; no longer than LONGEST_S;
+# in the first stages of a whole section only.
+CALM_JERK = (0.1, 0.25, 0.45)
+LONGEST_S = 0.040
+COARSE_STAGES = 4
 TANGENTIAL_WEIGHT = 0.05
 
 
@@ -55,30 +62,6 @@ class Section:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Fit:
-    """A motion found for a section: whole ticks of each piece (n,), states at the n + 1 knots, and how far along the path
-
-    each knot is.
-    """
-
-    ticks: Ints
-    position_mm: Array
-    velocity_mm_s: Array
-    acceleration_mm_s2: Array
-    along_mm: Array
-
-    def between(self, low: int, high: int) -> Fit:
-        """The part from knot `low` to knot `high`."""
-        knots = slice(low, high + 1)
-        return Fit(self.ticks[low:high], self.position_mm[knots], self.velocity_mm_s[knots], self.acceleration_mm_s2[knots],
-                   self.along_mm[knots])  # fmt: skip
-
-    def moved(self, by_mm: float) -> Fit:
-        """The same with `by_mm` added to how far along it is."""
-        return replace(self, along_mm=self.along_mm + by_mm)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
 class Tuning:
     """What a retry may change: knot spacing, and how much of the speed limit to use at first."""
 
@@ -87,8 +70,10 @@ class Tuning:
 
 
 def knot_spacing_s(limits: Limits) -> float:
-    """The knot interval: short beside the time A / J that acceleration takes to build, and long enough for the board."""
-    return float(np.clip(0.3 * limits.acceleration_mm_s2 / limits.jerk_mm_s3, 0.005, 0.010))
+    """The knot interval: short beside the time A / J that acceleration takes to build, and beside the time sqrt(2 tol / A) in
+    which full acceleration crosses the tolerance; and long enough for the board."""
+    across = np.sqrt(2.0 * limits.tolerance_mm / limits.acceleration_mm_s2)
+    return float(np.clip(min(0.4 * limits.acceleration_mm_s2 / limits.jerk_mm_s3, 1.3 * across), 0.005, 0.010))
 
 
 def fit_sections(
@@ -148,7 +133,6 @@ class _Rows:
 
     blocks: list[_Block]
     lay: spline.Layout
-    spacing_ticks: Ints
     s: Array
     path: Ints
     target: Array
@@ -234,17 +218,32 @@ class _Solver:
             self._slow_down(best)
             work = [w for i, block in enumerate(best.rows.blocks) for w in self._next(best, i, block)]
             work = [w for w in work if w.stage < DROPPED]
-        return [self._result(root) for root in self.roots]
+        return self._results()
 
-    def _result(self, root: _Block) -> Fit | None:
-        """The root's fit, verified once more as a whole when it was mended."""
-        fit = _assembled(root)
-        if fit is not None and root.fit is None:
-            states = np.stack((fit.position_mm, fit.velocity_mm_s, fit.acceleration_mm_s2), axis=1)
-            miss, _ = self._deviation_of(states, fit.ticks, fit.along_mm, root)
-            if miss.max() > self._allowed(root.path):
-                return None
-        return None if fit is None else fit.moved(-float(self.paths.s_mm[self.paths.first[root.path]]))
+    def _results(self) -> list[Fit | None]:
+        """The roots' fits with fewer pieces; those that were changed after they had been taken are verified once more as a
+
+        whole.
+        """
+        found = [_assembled(root) for root in self.roots]
+        for i, root in enumerate(self.roots):
+            fit = found[i]
+            if fit is not None and root.fit is None and not self._keeps(fit, root):
+                found[i] = None
+        have = [i for i, fit in enumerate(found) if fit is not None]
+        allowed = np.array([self._allowed(i) for i in range(len(self.slack))])
+        fits = [fit for fit in found if fit is not None]
+        for i, fewer in zip(have, fewer_pieces(self.paths, have, fits, self.limits, self.kinematics, allowed), strict=True):
+            before = found[i]
+            assert before is not None
+            fit = fewer if len(fewer.ticks) < len(before.ticks) and self._keeps(fewer, self.roots[i]) else before
+            found[i] = fit.moved(-float(self.paths.s_mm[self.paths.first[i]]))
+        return found
+
+    def _keeps(self, fit: Fit, root: _Block) -> bool:
+        states = np.stack((fit.position_mm, fit.velocity_mm_s, fit.acceleration_mm_s2), axis=1)
+        miss, _ = self._deviation_of(states, fit.ticks, fit.along_mm, root)
+        return bool(miss.max() <= self._allowed(root.path))
 
     def _next(self, best: _Best, i: int, block: _Block) -> list[_Block]:
         """What to do next about a block that was not taken: itself again, patches of it, a wider patch, or nothing any more."""
@@ -269,7 +268,7 @@ class _Solver:
         lay = best.rows.lay
         count = int(lay.intervals[i])
         rows = slice(int(lay.first[i]), int(lay.first[i]) + count + 1)
-        ticks = np.full(count, best.rows.spacing_ticks[i], dtype=np.int64)
+        ticks = np.rint(lay.spacing_s[rows][:-1] / TICK_S).astype(np.int64)
         states = np.stack((best.position[rows], best.velocity[rows], best.acceleration[rows]), axis=1)
         states[0], states[-1] = block.start, block.end
         miss, along = self._deviation_of(states, ticks, best.rows.s[rows], block)
@@ -383,6 +382,7 @@ class _Solver:
         stretch = (duration - spare) / np.maximum(total, 1e-9)
         t = np.clip((lay.time_s - head[lay.block]) / stretch[lay.block], 0.0, total[lay.block]) + begin[lay.block]
         s = _place(grid, speed, time, t, lay.block)
+        lay, s = self._coarsened(blocks, lay, s)
         path = np.array([b.path for b in blocks])[lay.block]
         target, tangent = self.paths.curve(s, path)
         bulge = self.paths.bulge_mm[self.paths.segment(s, path)]
@@ -393,8 +393,43 @@ class _Solver:
         else:
             # Weights must be mostly forgotten from stage to stage, or the levelling never settles.
             weights = 0.25 * np.stack([np.interp(s, remembered[0], w) for w in remembered[1]])
-        return _Rows(blocks, lay, ticks, s, path, target, tangent, room, weights, anchors, np.full(len(anchors.row), 2.0),
+        return _Rows(blocks, lay, s, path, target, tangent, room, weights, anchors, np.full(len(anchors.row), 2.0),
                      anchor_block, self._fixed(lay, blocks))  # fmt: skip
+
+    def _coarsened(self, blocks: list[_Block], lay: spline.Layout, s: Array) -> tuple[spline.Layout, Array]:
+        """Fewer knots where the profile wants little jerk for a while. Patches and stubborn blocks keep all of theirs."""
+        path = np.array([b.path for b in blocks])[lay.block]
+        point, _ = self.paths.curve(s, path)
+        third = np.zeros(len(s))
+        third[1:-2] = np.hypot(*(point[3:] - 3.0 * point[2:-1] + 3.0 * point[1:-2] - point[:-3]).T)
+        third /= self.jerk * lay.spacing_s**3
+        fine = np.array([b.root is not None or b.stage >= COARSE_STAGES for b in blocks])
+        inner = lay.is_interval & (np.arange(len(s)) > lay.first[lay.block]) & ~fine[lay.block]
+        third[~(inner & np.append(inner[2:], (False, False)))] = np.inf
+        width = 2 * int(np.ceil(self.window_s / self.spacing_s)) + 3
+        wanted = maximum_filter1d(third, width)
+        merge = np.where(
+            wanted < CALM_JERK[0], 4.0, np.where(wanted < CALM_JERK[1], 3.0, np.where(wanted < CALM_JERK[2], 2.0, 1.0))
+        )
+        merge = np.minimum(merge, max(1.0, np.floor(LONGEST_S / self.spacing_s)))
+        if merge.max() == 1.0:
+            return lay, s
+        passed = np.cumsum(1.0 / merge)
+        keep = np.concatenate(([True], np.floor(passed[1:] + 1e-9) > np.floor(passed[:-1] + 1e-9)))
+        keep = np.concatenate(([True], keep[:-1])) & lay.is_knot
+        keep[lay.first] = keep[lay.first + lay.intervals] = True
+        # The states given at the ends take three control points each: leave the pieces next to them short.
+        for k in range(1, 4):
+            keep[lay.first + k] = keep[lay.first + lay.intervals - k] = True
+        count = np.add.reduceat(keep.astype(np.int64), lay.first) - 1
+        chosen = np.flatnonzero(keep)
+        same = lay.block[chosen][1:] == lay.block[chosen][:-1]
+        spacing = np.diff(lay.time_s[chosen])[same]
+        fewer = spline.layout(spacing, count, self.spacing_s)
+        new_s = np.empty(len(fewer.block))
+        new_s[fewer.is_knot] = s[chosen]
+        new_s[~fewer.is_knot] = np.repeat(s[lay.first + lay.intervals], 2)
+        return fewer, new_s
 
     def _fixed(self, lay: spline.Layout, blocks: list[_Block]) -> banded.Fixed:
         start, end = np.stack([b.start for b in blocks]), np.stack([b.end for b in blocks])
@@ -542,7 +577,7 @@ class _Solver:
             block = rows.blocks[i]
             knots = np.stack((states[0][part], states[1][part], states[2][part]), axis=1)
             knots[0], knots[-1] = block.start, block.end
-            ticks = np.full(lay.intervals[i], rows.spacing_ticks[i], dtype=np.int64)
+            ticks = np.rint(lay.spacing_s[part][:-1] / TICK_S).astype(np.int64)
             block.fit = Fit(ticks, knots[:, 0], knots[:, 1], knots[:, 2], along_rows[part])
         return np.asarray(done)
 
@@ -610,17 +645,6 @@ def _assembled(root: _Block) -> Fit | None:
     return joined(parts)
 
 
-def joined(parts: Sequence[Fit]) -> Fit:
-    """Fits that follow each other, as one."""
-    return Fit(
-        np.concatenate([p.ticks for p in parts]),
-        np.concatenate([p.position_mm[:-1] for p in parts] + [parts[-1].position_mm[-1:]]),
-        np.concatenate([p.velocity_mm_s[:-1] for p in parts] + [parts[-1].velocity_mm_s[-1:]]),
-        np.concatenate([p.acceleration_mm_s2[:-1] for p in parts] + [parts[-1].acceleration_mm_s2[-1:]]),
-        np.concatenate([p.along_mm[:-1] for p in parts] + [parts[-1].along_mm[-1:]]),
-    )
-
-
 def _clock(grid: Grid, speed: Array) -> Array:
     """Time at each grid place, with a second between paths, so that it rises over the whole set."""
     ds = np.diff(grid.s_mm)
@@ -672,7 +696,7 @@ def _kept(rows: _Rows, keep: Mask) -> _Rows:
     a = rows.anchors
     anchors = banded.Anchors(moved[a.row[with_anchor]], a.basis[:, with_anchor], a.target[with_anchor], a.metric[with_anchor])
     return _Rows(
-        [b for b, k in zip(rows.blocks, keep, strict=True) if k], small, rows.spacing_ticks[keep], rows.s[mask], rows.path[mask],
-        rows.target[mask], rows.tangent[mask], rows.room[mask], rows.weights[:, mask], anchors, rows.anchor_weight[with_anchor],
+        [b for b, k in zip(rows.blocks, keep, strict=True) if k], small, rows.s[mask],
+        rows.path[mask], rows.target[mask], rows.tangent[mask], rows.room[mask], rows.weights[:, mask], anchors, rows.anchor_weight[with_anchor],
         new_block[rows.anchor_block[with_anchor]], banded.Fixed(moved[rows.fixed.row[fixed]], rows.fixed.value[fixed]),
     )  # fmt: skip
