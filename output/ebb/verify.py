@@ -149,7 +149,7 @@ class _Check:
         self._motion(rows, start, end)
         speeds = self._jumps(rows, start, end)
         self._queue(rows, np.maximum(np.abs(v0), np.abs(v1)).sum(axis=1) / (2 * ONE_STEP), speeds)
-        self._path(rows, start, end)
+        self._path(rows, end)
 
     def _motion(self, rows: Rows, start: Array, end: Array) -> None:
         r = self.result
@@ -208,10 +208,12 @@ class _Check:
         name = "T3" if "T3" in self.firmware.motion else "LM" if "LM" in self.firmware.motion else "SM"
         return np.where(motion, service_s(self.firmware, name, load), service_s(self.firmware, "SP", load))
 
-    def _path(self, rows: Rows, start: Array, end: Array) -> None:
+    def _path(self, rows: Rows, end: Array) -> None:
         """Lengths, bounds and strokes, along points close enough that their chords are the curve."""
         lasts = rows.ticks * TICK_S
-        sag_mm = np.hypot(*(end - start).T) * lasts / 8
+        a0 = rows.accel @ self.to_mm / (ONE_STEP * TICK_S**2)
+        a1 = a0 + rows.jerk @ self.to_mm / (ONE_STEP * TICK_S**3) * lasts[:, None]
+        sag_mm = np.maximum(np.hypot(*a0.T), np.hypot(*a1.T)) * lasts**2 / 8
         moves = (rows.kind == MOVE) & (rows.r0.any(axis=1) | rows.accel.any(axis=1) | rows.jerk.any(axis=1))
         count = np.where(moves, np.clip(np.ceil(np.sqrt(sag_mm / _CHORD_MM)), 1, _MOST_POINTS), 0).astype(np.int64)
         owner = np.repeat(np.arange(len(rows)), count)
