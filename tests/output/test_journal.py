@@ -20,6 +20,9 @@ from output.ebb.resume import find_place, position_lost
 from output.ebb.session import connect
 from output.ebb.stream import Progress
 from tests.output.fake_ebb import FakeEbb
+from tests.output.inline_producer import inline_producer  # noqa: F401 - a fixture
+
+pytestmark = pytest.mark.usefixtures("inline_producer")
 
 HEAD = {"drawing": "ab12", "settings": {"speed_mm_s": 100, "pen_down": 40}, "planner": "0.1.0"}
 

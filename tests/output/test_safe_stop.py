@@ -14,6 +14,9 @@ from output.ebb.program import Mark, StrokeEnd, StrokeMark
 from output.ebb.session import connect
 from output.errors import BadCommand, BoardRefused, LinkLost
 from tests.output.fake_ebb import FakeEbb
+from tests.output.inline_producer import inline_producer  # noqa: F401 - a fixture
+
+pytestmark = pytest.mark.usefixtures("inline_producer")
 
 VERSIONS = [(3, 0, 3), (3, 0, 0), (2, 8, 1), (2, 5, 5)]
 
@@ -137,7 +140,7 @@ def test_every_fault_at_every_command(name: str, version: tuple[int, int, int]) 
     first = probe._count
     board.stream(short(), on_progress=lambda _: None, stop=StopFlag())
     raised = 0
-    for i in range(first, probe._count - 1, 1 if version[0] == 3 else 3):
+    for i in range(first, probe._count - 1, 1 if version[0] == 3 and name not in ("hung", "late") else 5):
         fake = FakeEbb(version=version)
         struck: list[float] = []
 
@@ -166,7 +169,7 @@ def test_every_fault_at_every_command(name: str, version: tuple[int, int, int]) 
             assert not expected or name in ("doubled", "garbage", "notice", "dropped"), f"{name} at {i} went unnoticed"
             assert_safe(fake)
     if expected:
-        assert raised > 20
+        assert raised > 10
 
 
 def test_pen_down_height_is_sent_again_after_a_stop() -> None:

@@ -15,6 +15,9 @@ from output.ebb.session import StreamResult, connect
 from output.ebb.stream import LEAD_S, Progress, State
 from output.errors import BadCommand, BoardRefused, LinkLost
 from tests.output.fake_ebb import FakeEbb
+from tests.output.inline_producer import inline_producer  # noqa: F401 - a fixture
+
+pytestmark = pytest.mark.usefixtures("inline_producer")
 
 VERSIONS = [(3, 0, 3), (3, 0, 1), (3, 0, 0), (2, 8, 1), (2, 6, 2), (2, 5, 5)]
 

@@ -30,6 +30,9 @@ from output.ebb.stream import Progress, State, Streamer
 from output.ebb.virtual.moves import StepperMove
 from output.errors import BoardRefused, LinkLost, OutputError
 from tests.output.board_in_memory import MemoryBoard
+from tests.output.inline_producer import inline_producer  # noqa: F401 - a fixture
+
+pytestmark = pytest.mark.usefixtures("inline_producer")
 
 FAULTS: dict[str, dict[str, Any]] = {
     "drop_ack": {"fault": "drop_ack"},
@@ -205,7 +208,7 @@ def every_index(name: str, firmware: str, step: int) -> None:
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_every_fault_along_a_plot(name: str) -> None:
-    every_index(name, "3.0.3", 9)
+    every_index(name, "3.0.3", 24 if name in ("delay_ack", "freeze") else 9)
 
 
 @pytest.mark.long

@@ -1,0 +1,44 @@
+"""The planning thread left out: for boards whose clock is not the computer's, where a late thread would count as a stall."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+import pytest
+
+from output.ebb.producer import Item
+
+
+class InlineProducer:
+    """As producer.Producer, item by item in the caller's thread."""
+
+    def __init__(self, program: Iterable[Item], on_news: Callable[[], None]) -> None:  # noqa: ARG002 - the same signature
+        self._items: Iterator[Item] = iter(program)
+        self._next: Item | None = None
+        self.exhausted = False
+        self._pull()
+
+    def _pull(self) -> None:
+        self._error: BaseException | None = None
+        try:
+            self._next = next(self._items)
+        except StopIteration:
+            self._next, self.exhausted = None, True
+        except BaseException as error:  # comes out of `peek`, as it does from the thread
+            self._next, self._error = None, error
+
+    def peek(self) -> Item | None:
+        if self._error is not None:
+            raise self._error
+        return self._next
+
+    def take(self) -> None:
+        self._pull()
+
+    def close(self) -> None:
+        return
+
+
+@pytest.fixture
+def inline_producer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("output.ebb.stream.Producer", InlineProducer)

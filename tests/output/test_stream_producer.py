@@ -1,0 +1,97 @@
+"""Planning ahead: bounded, in order, errors in their place, and gone when closed."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from output.ebb.commands import SM
+from output.ebb.producer import Item, Producer
+
+
+def wait_for(condition: object, timeout_s: float = 3.0) -> None:
+    end = time.monotonic() + timeout_s
+    while not condition():  # type: ignore[operator]
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
+def drain(producer: Producer) -> list[Item]:
+    found = []
+    while not producer.exhausted:
+        item = producer.peek()
+        if item is None:
+            time.sleep(0.001)
+            continue
+        found.append(item)
+        producer.take()
+    return found
+
+
+def test_everything_comes_in_order() -> None:
+    items = [SM(10, i, 0) for i in range(200)]
+    producer = Producer(items, lambda: None, capacity=16)
+    assert drain(producer) == items
+    producer.close()
+
+
+def test_it_runs_ahead_only_so_far() -> None:
+    made = []
+
+    def endless() -> Iterator[Item]:
+        while True:
+            made.append(1)
+            yield SM(10, 1, 1)
+
+    producer = Producer(endless(), lambda: None, capacity=50)
+    wait_for(lambda: len(made) >= 51)
+    time.sleep(0.05)
+    assert len(made) == 51, "fifty wait and one is in the hand"
+    for _ in range(26):
+        producer.take()
+    wait_for(lambda: len(made) > 60)
+    producer.close()
+    assert "plan-ahead" not in [thread.name for thread in threading.enumerate()]
+
+
+def test_an_error_comes_after_what_was_made_before_it() -> None:
+    def broken() -> Iterator[Item]:
+        yield SM(10, 1, 1)
+        raise RuntimeError("planner")
+
+    producer = Producer(broken(), lambda: None)
+    wait_for(lambda: producer.peek() is not None)
+    producer.take()
+    with pytest.raises(RuntimeError, match="planner"):
+        wait_for(lambda: producer.peek() is not None)
+    assert not producer.exhausted
+    producer.close()
+
+
+def test_news_are_told_when_there_was_nothing() -> None:
+    gate, told = threading.Event(), []
+
+    def slow() -> Iterator[Item]:
+        gate.wait(3)
+        yield SM(10, 1, 1)
+
+    producer = Producer(slow(), lambda: told.append(1))
+    assert producer.peek() is None
+    assert not told
+    gate.set()
+    wait_for(lambda: told)
+    producer.close()
+
+
+def test_a_planner_that_is_busy_is_not_waited_for() -> None:
+    def busy() -> Iterator[Item]:
+        time.sleep(2)
+        yield SM(10, 1, 1)
+
+    producer = Producer(busy(), lambda: None)
+    began = time.monotonic()
+    producer.close()
+    assert time.monotonic() - began < 1.5
