@@ -16,6 +16,9 @@ from planning.ordering.quick import is_dot
 # Two lines nearer than this over their common length are one line: less than half a motor step of 0.0125 mm.
 SAME_LINE_MM = 0.005
 
+# What was drawn before is left out in stretches of at least this length: a lift in the middle of a stroke costs more than the ink.
+LEAST_GAP_MM = 0.5
+
 # A segment longer than this stands in the index in pieces; all segments together in at most so many.
 LONGEST_ENTRY_MM = 5.0
 MOST_PIECES = 500_000
@@ -43,8 +46,9 @@ class _Segments:
 def draw_once(strokes: Sequence[Stroke]) -> list[Stroke]:
     """The strokes without the parts that an earlier one, or an earlier part of the same one, has drawn already.
 
-    A part counts as drawn when it lies within SAME_LINE_MM of a segment that stays. What is left of a stroke may be several
-    pieces; they stand where it stood. Strokes that lose nothing come back as they are. About n log n for n segments.
+    A part counts as drawn when it lies within SAME_LINE_MM of a segment that stays; parts shorter than LEAST_GAP_MM are let
+    be. What is left of a stroke may be several pieces; they stand where it stood. Strokes that lose nothing come back as
+    they are. About n log n for n segments.
     """
     kept = _without_equal_dots(strokes)
     segments = _segments(strokes, kept)
@@ -57,7 +61,10 @@ def draw_once(strokes: Sequence[Stroke]) -> list[Stroke]:
         by_stroke.setdefault(int(segments.stroke[k]), {})[int(segments.place[k])] = intervals
     result = []
     for number in kept:
-        result.extend(_pieces(strokes[number], by_stroke[number]) if number in by_stroke else [strokes[number]])
+        if number in by_stroke:
+            result.extend(_pieces(strokes[number], _without_small_gaps(strokes[number], by_stroke[number])))
+        else:
+            result.append(strokes[number])
     return result
 
 
@@ -100,7 +107,9 @@ def _first_of_equals(segments: _Segments) -> dict[int, list[Interval]]:
 
 def _uncovered(segments: _Segments, gone: dict[int, list[Interval]]) -> dict[int, list[Interval]]:
     """What is left, as fractions of its length, of each segment that earlier ones cover in part or whole."""
-    present = np.setdiff1d(np.arange(len(segments.a)), np.fromiter(gone, dtype=np.int64, count=len(gone)))
+    here = np.ones(len(segments.a), dtype=np.bool_)
+    here[list(gone)] = False
+    present = np.flatnonzero(here)
     later, earlier = _overlapping(segments, present)
     left: dict[int, list[Interval]] = {}
     for s, t in zip(later.tolist(), earlier.tolist(), strict=True):  # by rising s: what is left of t is known by now
@@ -186,6 +195,29 @@ def _subtract(intervals: list[Interval], hole: Interval) -> list[Interval]:
         if max(low, hole[1]) < high:
             left.append((max(low, hole[1]), high))
     return left
+
+
+def _without_small_gaps(stroke: Stroke, left: dict[int, list[Interval]]) -> dict[int, list[Interval]]:
+    """`left` with the gaps filled that are too short to be worth a lift, unless nothing of the stroke is left but they."""
+    length = np.hypot(*np.diff(stroke.points_mm, axis=0).T)
+    run = np.concatenate(([0.0], np.cumsum(length)))
+    gaps: list[list[float]] = []  # begin and end along the stroke
+    for k in sorted(left):
+        edges = [0.0, *(edge for interval in left[k] for edge in interval), 1.0]
+        for low, high in zip(edges[::2], edges[1::2], strict=True):
+            begin, end = run[k] + low * length[k], run[k] + high * length[k]
+            if gaps and begin - gaps[-1][1] <= SAME_LINE_MM:
+                gaps[-1][1] = end
+            elif high > low:
+                gaps.append([begin, end])
+    if sum(end - begin for begin, end in gaps) >= run[-1] - SAME_LINE_MM:
+        return left
+    wide = [(begin, end) for begin, end in gaps if end - begin >= LEAST_GAP_MM]
+    kept = {}
+    for k, intervals in left.items():
+        if any(begin < run[k + 1] and end > run[k] for begin, end in wide):
+            kept[k] = intervals
+    return kept
 
 
 def _pieces(stroke: Stroke, left: dict[int, list[Interval]]) -> list[Stroke]:

@@ -139,6 +139,6 @@ def smooth_at(points_mm: Array, corners: Mask, at: int) -> bool:
 
 def _turn(points_mm: Array, at: int) -> float:
     """The signed angle by which the path turns at an inner vertex, in radians."""
-    before, after = points_mm[at] - points_mm[at - 1], points_mm[at + 1] - points_mm[at]
-    cross = before[0] * after[1] - before[1] * after[0]
-    return float(np.arctan2(cross, before @ after))
+    (x0, y0), (x1, y1), (x2, y2) = points_mm[at - 1 : at + 2].tolist()
+    ux, uy, vx, vy = x1 - x0, y1 - y0, x2 - x1, y2 - y1
+    return math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)

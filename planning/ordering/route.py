@@ -16,15 +16,15 @@ from planning.ordering.quick import is_closed
 from planning.ordering.seams import Choices, start_at
 from planning.ordering.tour import Tour
 
-QUICK = Effort(breadth=10, depth=3, width=20)
-THOROUGH = Effort(breadth=8, depth=5, width=12)
-REPAIR = Effort(breadth=5, depth=5, width=8)
+QUICK = Effort(breadth=12, depth=3, width=20)
+THOROUGH = Effort(breadth=14, depth=4, width=40)
+REPAIR = Effort(breadth=8, depth=5, width=12)
 
-# What one second of budget buys. Counted and not timed, so that a drawing gives the same route on every machine; about twice
-# what these take on a core of 2024.
-QUICK_STROKES_PER_S = 15_000
-THOROUGH_STROKES_PER_S = 12_500
-KICKS_PER_S = 500
+# What one second of budget buys. Counted and not timed, so that a drawing gives the same route on every machine; near what these
+# take on a core of 2024.
+QUICK_STROKES_PER_S = 40_000
+THOROUGH_STROKES_PER_S = 15_000
+KICKS_PER_S = 800
 # A small drawing is done before its budget is.
 KICKS_PER_STROKE = 3
 # How often route and starts of closed strokes are fitted to each other.

@@ -50,7 +50,7 @@ def _sharpest(stroke: Stroke) -> Ints:
 def _smooth_seam(stroke: Stroke) -> bool:
     """Whether a closed stroke runs on smoothly over its first point."""
     assert stroke.corners is not None
-    around = np.r_[-3, -2, 0, 1, 2] if len(stroke.points_mm) > 4 else np.r_[-2, 0, 1]
+    around = [-3, -2, 0, 1, 2] if len(stroke.points_mm) > 4 else [-2, 0, 1]
     return smooth_at(stroke.points_mm[around], stroke.corners[around], len(around) // 2)
 
 
