@@ -30,13 +30,15 @@ Steps = tuple[int, int]
 class Place:
     """A place in a program. `command` is the first that is not wholly executed there (counted from 0), `stroke` the stroke it
     belongs to or None between strokes, `pen_down` as commanded, `steps` both motors' counters there, `drawn_steps` the length
-    that has been drawn of this stroke, along its commands, in steps (the norm of both motors')."""
+    that has been drawn of this stroke, along its commands, in steps (the norm of both motors'). `next_stroke` is the first that
+    is not wholly drawn."""
 
     command: int
     stroke: int | None
     pen_down: bool
     steps: Steps
     drawn_steps: float
+    next_stroke: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,7 @@ class _Piece:
     stroke: int | None
     pen_down: bool
     drawn_before: float
+    next_stroke: int
 
     @property
     def length(self) -> float:
@@ -68,14 +71,17 @@ def position_lost(board: Board, state: PlotState) -> str | None:
     return None
 
 
-def find_place(program: Program, firmware: Firmware, state: PlotState, steps: Steps | None) -> Place | None:
+def find_place(
+    program: Program, firmware: Firmware, state: PlotState, steps: Steps | None, start: Steps = (0, 0)
+) -> Place | None:
     """Where in `program` a board stands whose counters are `steps`, searched only where the journal allows.
 
     With `steps` None the position is not known: the place is after the last command that is executed for certain, which may
     draw up to the queue's length twice but leaves no gap. None when the counters fit nowhere: they were changed since.
-    The earliest place is taken where several fit. Linear in the commands executed.
+    `start` is where the counters stood when the program began. The earliest place is taken where several fit. Linear in the
+    commands executed.
     """
-    for piece in _pieces(program, firmware):
+    for piece in _pieces(program, firmware, start):
         if piece.index < state.executed - 1:
             continue
         if steps is None:
@@ -88,17 +94,18 @@ def find_place(program: Program, firmware: Firmware, state: PlotState, steps: St
             return _after(piece)
         if _between(piece, steps):
             share = hypot(steps[0] - piece.start[0], steps[1] - piece.start[1])
-            return Place(piece.index, piece.stroke, piece.pen_down, steps, piece.drawn_before + share * piece.pen_down)
+            drawn = piece.drawn_before + share * piece.pen_down
+            return Place(piece.index, piece.stroke, piece.pen_down, steps, drawn, piece.next_stroke)
     return None
 
 
 def _after(piece: _Piece) -> Place:
     drawn = piece.drawn_before + piece.length * piece.pen_down
-    return Place(piece.index + 1, piece.stroke, piece.pen_down, piece.end, drawn)
+    return Place(piece.index + 1, piece.stroke, piece.pen_down, piece.end, drawn, piece.next_stroke)
 
 
 def _before(piece: _Piece) -> Place:
-    return Place(piece.index, piece.stroke, False, piece.start, 0.0)
+    return Place(piece.index, piece.stroke, False, piece.start, 0.0, piece.next_stroke)
 
 
 def _between(piece: _Piece, steps: Steps) -> bool:
@@ -108,21 +115,21 @@ def _between(piece: _Piece, steps: Steps) -> bool:
     )
 
 
-def _pieces(program: Program, firmware: Firmware) -> Iterator[_Piece]:
+def _pieces(program: Program, firmware: Firmware, start: Steps) -> Iterator[_Piece]:
     """The program's commands with the counters before and after each, by the firmware's arithmetic."""
     execute = arithmetic_old.execute if firmware.old_arithmetic else arithmetic.execute
-    state, stroke, down, drawn, index = State(), None, False, 0.0, 0
+    state, stroke, down, drawn, index, coming = State(position=start), None, False, 0.0, 0, 0
     for item in program:
         if isinstance(item, StrokeMark):
-            stroke, drawn = item.index, 0.0
+            stroke, drawn, coming = item.index, 0.0, item.index
         elif isinstance(item, StrokeEnd):
-            stroke = None
+            stroke, coming = None, item.index + 1
         if not isinstance(item, Command):
             continue
-        start = state.position
+        before = state.position
         if isinstance(item, EM | CS):
             state = State()
-            start = state.position
+            before = state.position
         elif isinstance(item, SP):
             down = item.value == 0
         elif isinstance(item, TP):
@@ -132,7 +139,7 @@ def _pieces(program: Program, firmware: Firmware) -> Iterator[_Piece]:
                 state = execute(item, state).state
             except (NeverEnds, StepRateRefused):
                 return
-        piece = _Piece(index, start, state.position, stroke, down, drawn)
+        piece = _Piece(index, before, state.position, stroke, down, drawn, coming)
         yield piece
         drawn += piece.length * down
         index += 1

@@ -35,6 +35,7 @@ class LazyGroup(click.Group):
         "export": "plotter.cli.export:export",
         "verify": "plotter.cli.verify:verify_file",
         "send": "plotter.cli.send:send",
+        "resume": "plotter.cli.resume:resume",
         "layers": "plotter.cli.reading:layers",
         "strokes": "plotter.cli.reading:strokes",
         **{name: f"plotter.cli.board:{name}" for name in ("ports", "board", "pen", "move", "home", "align", "disable")},

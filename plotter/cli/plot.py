@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ import click
 import numpy as np
 
 from output.ebb.control import StopFlag
+from output.ebb.journal import Journal
 from output.ebb.ports import choose_port
-from output.ebb.session import StreamResult, connect
+from output.ebb.program import Program
+from output.ebb.session import Board, StreamResult, connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from planning.motion.limits import Kinematics
 from planning.motion.plan import Action, OperatorPause
@@ -23,6 +26,8 @@ from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes, progress_bar
 from plotter.errors import BadInput, Interrupted
 from plotter.estimate import PlanTally, Tally
+from plotter.journals import head as journal_head
+from plotter.journals import journal_path
 from plotter.pipeline import Job, board_setup, planned, prepare, program
 from plotter.preview.picture import draw_ink
 from plotter.units import spoken_duration
@@ -52,16 +57,17 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
         raise BadInput("--speed, --record and --picture are the virtual board's: give --port sim with them")
     settings = collect(options).values
     device = SIM if port == SIM else choose_port(port)
-    job = prepare(file, collect_reading(options), settings)
+    reading = collect_reading(options)
+    job = prepare(file, reading, settings)
     notes(job.notes)
     if port == SIM:
         with start_virtual_board(
             firmware=settings.firmware, speed=speed, record=record, keep_wire=False, patience_s=patience_s(speed)
         ) as virtual:
-            _plot_on(job, virtual.port, speed, attended=sys.stdin.isatty())
+            _plot_on(job, virtual.port, speed, None)
             _keep_picture(virtual, picture, job)
         return
-    _plot_on(job, device, 1.0, attended=True)
+    _plot_on(job, device, 1.0, journal_head(job, file, reading))
 
 
 def patience_s(speed: float) -> float:
@@ -69,19 +75,51 @@ def patience_s(speed: float) -> float:
     return 0.0 if speed <= 1 else 5.0
 
 
-def _plot_on(job: Job, port: str, board_speed: float, *, attended: bool) -> None:
-    tally, stop = PlanTally(), StopFlag()
-    with connect(port, board_speed=board_speed) as board:
+def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | None) -> None:
+    """Plot on the board at `port`. `head` is the journal's; None keeps none, for a board that goes when the plot does."""
+    tally = PlanTally()
+    attended = head is not None or sys.stdin.isatty()
+    with connect(port, board_speed=board_speed) as board, ExitStack() as context:
         setup = board_setup(job.settings, job.machine, board.firmware)
         actions = planned(job) if attended else _without_pauses(planned(job))
-        started = time.monotonic()
-        with progress_bar(_guesses_s(job)) as bar, keys(stop):
-            result = board.stream(program(tally.watch(actions), setup), on_progress=bar.show, stop=stop)
+        journal = None
+        if head is not None:
+            journal = context.enter_context(_begun(head))
+            if journal is not None:
+                journal.part({"token": board.begin_job()})
+        result, took_s = streamed(board, program(tally.watch(actions), setup), guesses_s(job), journal)
     finish(result, f"{job.name} on {board.port_name}, firmware {board.firmware}")
-    click.echo(_summary(job, tally.total, result, time.monotonic() - started))
+    click.echo(_summary(job, tally.total, result, took_s))
 
 
-def _guesses_s(job: Job) -> list[float]:
+@contextmanager
+def _begun(head: dict[str, Any]) -> Iterator[Journal | None]:
+    """The plot's journal; without a place for one the plot goes on, and cannot be resumed."""
+    try:
+        journal = Journal.begin(journal_path(), head)
+    except OSError as error:
+        notes(
+            [f"no journal can be written at {journal_path()} ({error.strerror}): this plot cannot be resumed if it is cut off"]
+        )
+        yield None
+        return
+    with journal:
+        yield journal
+    if journal.trouble:
+        notes([journal.trouble])
+
+
+def streamed(board: Board, items: Program, guess_s: list[float], journal: Journal | None) -> tuple[StreamResult, float]:
+    """Stream with a progress bar and keys; returns how it ended and how long it took by the clock."""
+    stop, started = StopFlag(), time.monotonic()
+    with progress_bar(guess_s) as bar, keys(stop):
+        result = board.stream(items, on_progress=bar.show, stop=stop, journal=journal)
+    if journal is not None:
+        journal.end(result.outcome, result.steps)
+    return result, time.monotonic() - started
+
+
+def guesses_s(job: Job) -> list[float]:
     """About how long each stroke takes, lifts included; the bar corrects the common factor."""
     lifts_s = job.settings.lift_time + job.settings.lower_time + 0.2
     return [lifts_s + stroke.length_mm / job.settings.draw_speed for layer in job.layers for stroke in layer.strokes]

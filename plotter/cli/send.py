@@ -5,15 +5,12 @@ from __future__ import annotations
 import click
 
 from output.ebb.command_file import Line, read_command_file
-from output.ebb.control import StopFlag
 from output.ebb.firmware import firmware
 from output.ebb.ports import choose_port
 from output.ebb.session import connect
 from output.ebb.verify import verify
 from output.ebb.virtual.process import start_virtual_board
-from plotter.cli.keys import keys
-from plotter.cli.plot import SIM, finish, patience_s
-from plotter.cli.say import progress_bar
+from plotter.cli.plot import SIM, finish, patience_s, streamed
 from plotter.cli.verify import DEFAULT_FIRMWARE, DEFAULT_MACHINE
 from plotter.errors import BadInput
 from plotter.machines.profile import load_machine
@@ -56,8 +53,6 @@ def _send_to(port: str, file: str, header: dict[str, str], items: list[Line], bo
             raise BadInput(
                 f"{file} was not sent to firmware {board.firmware}: {report.problems[0]}; see `plotter verify {file}`"
             )
-        stop = StopFlag()
-        with progress_bar([report.duration_s]) as bar, keys(stop):
-            result = board.stream((line.item for line in items), on_progress=bar.show, stop=stop)
+        result, _ = streamed(board, (line.item for line in items), [report.duration_s], None)
     finish(result, f"{file} on {board.port_name}")
     click.echo(f"sent {file}: {report.commands} commands, {spoken_duration(report.duration_s)} of board time")

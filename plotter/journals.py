@@ -1,0 +1,135 @@
+"""The journal of a plot: where it is kept, what its head says of the drawing, and the job made again from that head."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import platformdirs
+
+from output.ebb.commands import EM, LT, SC, SP, Command
+from output.ebb.encode import BoardSetup, encode, epilogue
+from output.ebb.encode_pieces import PRIMED
+from output.ebb.journal import PlotState, differences, load
+from output.ebb.program import Mark
+from planning.geometry.remainder import remainder
+from planning.geometry.stroke import Layer
+from planning.motion.plan import Action, Draw, Lower
+from planning.motion.planner import plan
+from plotter.errors import BadInput
+from plotter.pipeline import HOME_MM, Job, motion_settings, prepare
+from plotter.settings import Settings
+from plotter.svg.options import Budgets, ReadOptions
+
+
+def journal_path() -> Path:
+    """Where the journal of the latest plot is kept. One plot at a time is journalled; a new one takes the place of the last."""
+    return platformdirs.user_state_path("plotter") / "plot.journal"
+
+
+def head(job: Job, file: str, reading: ReadOptions) -> dict[str, Any]:
+    """What must be the same for a plot to be resumed, and what making it again needs."""
+    return {
+        "file": str(Path(file).resolve()) if file != "-" else "-",
+        "drawing": job.digest,
+        "program_version": version("plotter"),
+        "strokes": job.stroke_count,
+        "settings": job.settings.model_dump(),
+        "reading": asdict(reading),
+    }
+
+
+def interrupted_plot() -> PlotState:
+    """The journal of the plot to be resumed. Raises BadInput when there is none, or it was finished."""
+    state = load(journal_path())
+    if state is None:
+        raise BadInput("there is no interrupted plot to resume: start one with `plotter plot`")
+    if not state.interrupted:
+        raise BadInput(f"the last plot ({state.head.get('file')}) was finished: there is nothing to resume")
+    if state.head.get("file") == "-":
+        raise BadInput("the interrupted plot was read from standard input, which is gone: save the drawing and plot it anew")
+    return state
+
+
+def made_again(state: PlotState) -> Job:
+    """The job that the journal is of, from the same file and settings. Raises BadInput naming what is not as it was."""
+    reading = dict(state.head["reading"])
+    options = ReadOptions(**{**reading, "budgets": Budgets(**reading["budgets"])})
+    file = str(state.head["file"])
+    job = prepare(file, options, Settings.model_validate(state.head["settings"]))
+    changed = differences(state.head, head(job, file, options))
+    if changed:
+        raise BadInput(f"the interrupted plot cannot be resumed, because {changed[0]}; plot {file} anew")
+    return job
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A resumed part of a plot: it begins with stroke number `stroke`, `drawn_mm` of which are drawn, up to `left_mm` (2,).
+
+    The carriage stands at `start_mm` (2,); `homed` says that the board's counters were lost and start again at home. All in
+    machine millimetres. The same facts make the same program, so that a resumed plot can be resumed again.
+    """
+
+    stroke: int
+    drawn_mm: float
+    left_mm: tuple[float, float]
+    start_mm: tuple[float, float]
+    homed: bool
+
+    @classmethod
+    def of(cls, facts: Mapping[str, Any]) -> Part | None:
+        """From a journal's record; None for the first part, which is the whole plot."""
+        if "stroke" not in facts:
+            return None
+        left, start = (tuple(map(float, facts[name])) for name in ("left_mm", "start_mm"))
+        return cls(
+            int(facts["stroke"]), float(facts["drawn_mm"]), (left[0], left[1]), (start[0], start[1]), bool(facts["homed"])
+        )
+
+
+def part_program(job: Job, setup: BoardSetup, part: Part) -> Iterator[Command | Mark]:
+    """The program of a resumed part: counters go on from where the board stands, strokes keep their numbers of the whole."""
+    start_mm = np.array(part.start_mm)
+    pen = setup.pen
+    if part.homed:
+        yield EM(setup.microsteps, setup.microsteps)
+    yield from (SC(4, pen.up), SC(5, pen.down), SC(11, pen.rate_up), SC(12, pen.rate_down))
+    yield SP(1, round(1000 * pen.first_lift_s))
+    if not setup.firmware.old_arithmetic:
+        yield LT(1, PRIMED, 0, PRIMED, 0, 3)
+    layers, first = layers_left(job.layers, part)
+    end_mm = HOME_MM if job.settings.end == "home" else None
+    actions = plan(layers, motion_settings(job.settings, job.machine), start_mm, end_mm)
+    yield from encode(_numbered_from(first, actions), setup)
+    yield from epilogue(setup)
+
+
+def layers_left(layers: tuple[Layer, ...], part: Part) -> tuple[tuple[Layer, ...], int]:
+    """The layers without what is drawn, and the number of their first stroke in the whole plot."""
+    left: list[Layer] = []
+    before, first = 0, part.stroke
+    for layer in layers:
+        count = len(layer.strokes)
+        strokes = list(layer.strokes[max(0, part.stroke - before) :])
+        begun = before < part.stroke
+        if part.drawn_mm > 0 and before <= part.stroke < before + count:
+            rest = remainder(strokes[0], part.drawn_mm, np.array(part.left_mm))
+            strokes[:1] = [] if rest is None else [rest]
+            first, begun = part.stroke + (rest is None), True
+        if strokes:
+            left.append(replace(layer, strokes=tuple(strokes), pause_before=layer.pause_before and not begun))
+        before += count
+    return tuple(left), first
+
+
+def _numbered_from(first: int, actions: Iterator[Action]) -> Iterator[Action]:
+    for action in actions:
+        if isinstance(action, Draw | Lower):
+            yield replace(action, stroke=action.stroke + first)
+        else:
+            yield action
