@@ -37,6 +37,8 @@ FEWEST_INTERVALS = 6
 PATCH_MARGIN = 2.5
 PATCH_STAGES = 6
 DROPPED = 10_000
+# Patches are cheap: every time one has failed, levelling gets this many more rounds.
+STUBBORN_ROUNDS = 8
 # Pieces 4, 3, 2 knot spacings long where the profile's jerk stays below these parts of its limit; no longer than LONGEST_S;
 # in the first stages of a whole section only.
 CALM_JERK = (0.1, 0.25, 0.45)
@@ -212,7 +214,9 @@ class _Solver:
                 break
             work.sort(key=lambda b: b.from_s)
             rows = self._rows(work, remembered)
-            best, remembered = self._level(rows, FIRST_ROUNDS if stage == 0 else ROUNDS)
+            stubborn = min(b.stage for b in work) if all(b.root is not None for b in work) else 0
+            rounds = FIRST_ROUNDS if stage == 0 else ROUNDS + STUBBORN_ROUNDS * stubborn
+            best, remembered = self._level(rows, rounds)
             if best is None:
                 break
             self._slow_down(best)
@@ -476,7 +480,7 @@ class _Solver:
         """
         score = np.full(len(rows.blocks), np.inf)
         best = _Best(rows, np.ones(len(rows.s)), *(np.zeros((len(rows.s), 2)) for _ in range(3)))
-        for _ in range(rounds):
+        for turn in range(rounds):
             control = self._solve(rows)
             ratio, anchor_ratio, local, over, states = self._ratios(rows, control)
             bad = np.add.reduceat(np.maximum(over - 1.0, 0.0), rows.lay.first)
@@ -490,7 +494,7 @@ class _Solver:
                 done = self._take(rows, ready, states, best.over)
             if done.all():
                 return None, (rows.s, rows.weights)
-            self._reweigh(rows, ratio, anchor_ratio)
+            self._reweigh(rows, ratio, anchor_ratio, turn)
             if done.any():
                 keep = ~done
                 mask = keep[rows.lay.block]
@@ -581,13 +585,14 @@ class _Solver:
             block.fit = Fit(ticks, knots[:, 0], knots[:, 1], knots[:, 2], along_rows[part])
         return np.asarray(done)
 
-    def _reweigh(self, rows: _Rows, ratio: Array, anchor_ratio: Array) -> None:
-        """Lawson's step: weigh more what is over its aim, less what is under it."""
+    def _reweigh(self, rows: _Rows, ratio: Array, anchor_ratio: Array, turn: int) -> None:
+        """Lawson's step: weigh more what is over its aim, less what is under it; more gently once it should have settled."""
+        gain = 1.0 if turn < ROUNDS else 0.5
         scaled = ratio / np.array([[LEVEL], [LEVEL], [LEVEL_TOLERANCE]])
-        rows.weights += np.where(scaled > 1.0, 3.0, 0.5) * np.log(np.clip(scaled, 0.3, 3.0))
+        rows.weights += gain * np.where(scaled > 1.0, 3.0, 0.5) * np.log(np.clip(scaled, 0.3, 3.0))
         np.clip(rows.weights, -40.0, 25.0, out=rows.weights)
         scaled = anchor_ratio / LEVEL_TOLERANCE
-        step = np.where(scaled > 1.0, 3.0, 0.5) * np.log(np.clip(scaled, 0.3, 3.0))
+        step = gain * np.where(scaled > 1.0, 3.0, 0.5) * np.log(np.clip(scaled, 0.3, 3.0))
         rows.anchor_weight = np.clip(rows.anchor_weight + step, -40.0, 25.0)
 
     def _slow_down(self, best: _Best) -> None:
