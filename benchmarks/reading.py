@@ -97,7 +97,7 @@ def run() -> None:
                 f"{strokes:.0f}",
                 f"{points:.0f}",
             )
-    Console().print(table)
+    Console(width=120).print(table)
 
 
 if __name__ == "__main__":

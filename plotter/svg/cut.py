@@ -105,10 +105,8 @@ def cut(piece: Piece, region: Region, *, inside: bool, boundary: bool) -> list[P
     if len(points) == 1:
         return [piece] if bool(region.holds(points, boundary=boundary_in)[0]) == inside else []
     segment, t = region.crossings(points)
-    if not len(segment):
-        middle = (points[:1] + points[1:2]) / 2
-        return [piece] if bool(region.holds(middle, boundary=boundary_in)[0]) == inside else []
-    split, corner = divide(piece, segment, t)
+    # Without a crossing inside a segment a vertex may still lie on the boundary, so every part is asked.
+    split, corner = divide(piece, segment, t) if len(segment) else (points, piece.corner)
     keep = region.holds((split[:-1] + split[1:]) / 2, boundary=boundary_in) == inside
     return runs(split, corner, keep)
 

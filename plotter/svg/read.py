@@ -12,6 +12,7 @@ from plotter.svg.assemble import Assembly
 from plotter.svg.document import parse_document
 from plotter.svg.drawing import Drawing, LayerFacts
 from plotter.svg.layers import FileLayer, Layering
+from plotter.svg.lengths import NotFinite
 from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
 from plotter.svg.style import Cascade
@@ -36,6 +37,8 @@ def read_drawing(source: Path | bytes, options: ReadOptions | None = None) -> Dr
     sys.setrecursionlimit(max(usual, _FRAMES))
     try:
         return _read(source, options)
+    except NotFinite as error:
+        raise BadInput(f"{_name(source)} has the value {str(error)!r}, which is not finite; correct it") from None
     except RecursionError:
         raise BadInput(
             f"{_name(source)} is nested too deeply somewhere (style sheet, text or clip paths); simplify it"

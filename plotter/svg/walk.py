@@ -149,7 +149,10 @@ class Walk:
 
     def children(self, element: Any, context: Context) -> None:
         for child in element:
-            self.element(child, context)
+            try:
+                self.element(child, context)
+            except NotFinite as error:
+                raise BadInput(f"{self.name(child)} has the value {str(error)!r}, which is not finite; correct it") from None
 
     def element(self, element: Any, context: Context) -> None:
         tag = element.tag
@@ -273,27 +276,24 @@ class Walk:
         frame = context.frame if style.font_px == context.frame.font_px else replace(context.frame, font_px=style.font_px)
         if style.own:
             attributes.update((name, value) for name, value in style.own.items() if name in GEOMETRY)
-        try:
-            if kind in SHAPES:
-                outline = SHAPES[kind](attributes.get, frame)
+        if kind in SHAPES:
+            outline = SHAPES[kind](attributes.get, frame)
+        else:
+            outline = None
+            data = OUTLINES[kind](attributes)
+        if outline is None and (kind in SHAPES or not data):
+            return
+        drawn = self._is_drawn(style)
+        layer = self.layer_of(context)
+        if drawn:
+            dashes = None
+            if "stroke-dasharray" in style.inherited and not self._gathering:
+                dashes = dashes_of(style, frame, attributes.get("pathLength"))
+            one = Shape(element, style, layer, matrix, clips, dashes)
+            if outline is not None:
+                self.collector.add_commands(one, *outline)
             else:
-                outline = None
-                data = OUTLINES[kind](attributes)
-            if outline is None and (kind in SHAPES or not data):
-                return
-            drawn = self._is_drawn(style)
-            layer = self.layer_of(context)
-            if drawn:
-                dashes = None
-                if "stroke-dasharray" in style.inherited and not self._gathering:
-                    dashes = dashes_of(style, frame, attributes.get("pathLength"))
-                one = Shape(element, style, layer, matrix, clips, dashes)
-                if outline is not None:
-                    self.collector.add_commands(one, *outline)
-                else:
-                    self.collector.add_path(one, data)
-        except NotFinite as error:
-            raise BadInput(f"{self.name(element)} has the value {str(error)!r}, which is not finite; correct it") from None
+                self.collector.add_path(one, data)
         if not self._gathering and style.visible and self.markers.wanted(kind, style):
             here = Context(matrix, style, frame, layer, clips, context.level + 1, context.uses)
             self.markers.draw(element, data if outline is None else path_text(*outline), here)

@@ -47,7 +47,7 @@ def as_complex(point: NDArray[np.float64]) -> complex:
     return complex(point[0], point[1])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(PATHS)
 def test_segments_are_those_of_svgpathtools(data: str) -> None:
     with warnings.catch_warnings():
@@ -157,7 +157,7 @@ def test_a_circle_is_flattened_to_its_tolerance_and_no_finer_than_needed(radius_
     assert steps <= 2 * math.pi / (2 * math.acos(max(0.7, 1 - tolerance_mm / max(radius_mm, tolerance_mm)))) + 10
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.text(alphabet="MmLlHhVvCcSsQqTtAaZz0123456789.,-+eE #x\n", max_size=60))
 def test_any_text_is_read_or_named_as_damaged(text: str) -> None:
     """Nothing that is not a path gets past the fast way: what it takes undamaged is what the grammar takes."""

@@ -113,7 +113,8 @@ def test_single_line_layout_positions_anchor_spaces_and_unknown_letters() -> Non
 
 @needs_single
 def test_single_line_text_on_a_path() -> None:
-    body = '<path id="p" stroke="none" d="M50 0V100"/><text font-size="30"><textPath href="#p" startOffset="10">I</textPath></text>'
+    text = '<text font-size="30"><textPath href="#p" startOffset="10">I</textPath></text>'
+    body = f'<path id="p" stroke="none" d="M50 0V100"/>{text}'
     ((begin, end),) = rounded(page(body, text="single"))
     assert begin[1] == pytest.approx(end[1]) and {round(begin[0]), round(end[0])} == {50, 71}
 
