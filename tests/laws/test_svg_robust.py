@@ -46,65 +46,17 @@ def test_damaged_documents_are_read_or_refused(file: Path, cuts: list[tuple[floa
         assert np.isfinite(points).all()
 
 
-VALUES = st.sampled_from("|0|-1|5|50%|1e3|1e-9|auto|none|inherit|url(#a)|url(#b)|nonsense|3mm|2em|1,2|#a|NaN|1e999".split("|"))
-NAMES = st.sampled_from(
-    [
-        "x",
-        "y",
-        "width",
-        "height",
-        "rx",
-        "ry",
-        "r",
-        "cx",
-        "cy",
-        "x1",
-        "y2",
-        "d",
-        "points",
-        "transform",
-        "clip-path",
-        "marker-mid",
-        "marker-end",
-        "stroke-dasharray",
-        "stroke-width",
-        "fill",
-        "stroke",
-        "href",
-        "viewBox",
-        "preserveAspectRatio",
-        "pathLength",
-        "display",
-        "opacity",
-        "font-size",
-        "clipPathUnits",
-        "orient",
-        "refX",
-        "markerWidth",
-        "class",
-        "id",
-    ]
+def words(text: str, separator: str | None = None) -> st.SearchStrategy[str]:
+    return st.sampled_from(text.split(separator))
+
+
+VALUES = words("|0|-1|5|50%|1e3|1e-9|auto|none|inherit|url(#a)|url(#b)|nonsense|3mm|2em|1,2|#a|NaN|1e999", "|")
+NAMES = words(
+    "x y width height rx ry r cx cy x1 y2 d points transform clip-path marker-mid marker-end stroke-dasharray stroke-width "
+    "fill stroke href viewBox preserveAspectRatio pathLength display opacity font-size clipPathUnits orient refX markerWidth "
+    "class id"
 )
-KINDS = st.sampled_from(
-    [
-        "g",
-        "svg",
-        "use",
-        "symbol",
-        "path",
-        "rect",
-        "circle",
-        "ellipse",
-        "line",
-        "polyline",
-        "polygon",
-        "clipPath",
-        "marker",
-        "switch",
-        "a",
-        "defs",
-    ]
-)
+KINDS = words("g svg use symbol path rect circle ellipse line polyline polygon clipPath marker switch a defs")
 
 
 @st.composite
