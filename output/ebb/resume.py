@@ -78,30 +78,37 @@ def find_place(
 
     With `steps` None the position is not known: the place is after the last command that is executed for certain, which may
     draw up to the queue's length twice but leaves no gap. None when the counters fit nowhere: they were changed since.
-    `start` is where the counters stood when the program began. The earliest place is taken where several fit. Linear in the
-    commands executed.
+    `start` is where the counters stood when the program began. The earliest place is taken where several fit. Where none does,
+    because a hold on the path has replaced commands since the part began, a place on the stroke that was being drawn is taken.
+    Linear in the commands of the program up to the place.
     """
+    elsewhere: Place | None = None
     for piece in _pieces(program, firmware, start):
-        if piece.index < state.executed - 1:
+        if piece.index < state.executed - 1 or (steps is not None and piece.index >= state.sent):
+            on_stroke = state.stroke is not None and piece.stroke == state.stroke and piece.pen_down
+            if steps is not None and elsewhere is None and on_stroke and _between(piece, steps):
+                elsewhere = _inside(piece, steps)
             continue
         if steps is None:
             if piece.index == state.executed - 1 or state.executed == 0:
                 return _after(piece) if state.executed else _before(piece)
             continue
-        if piece.index >= state.sent:
-            break
         if piece.end == steps:
             return _after(piece)
         if _between(piece, steps):
-            share = hypot(steps[0] - piece.start[0], steps[1] - piece.start[1])
-            drawn = piece.drawn_before + share * piece.pen_down
-            return Place(piece.index, piece.stroke, piece.pen_down, steps, drawn, piece.next_stroke)
-    return None
+            return _inside(piece, steps)
+    return elsewhere
 
 
 def _after(piece: _Piece) -> Place:
     drawn = piece.drawn_before + piece.length * piece.pen_down
     return Place(piece.index + 1, piece.stroke, piece.pen_down, piece.end, drawn, piece.next_stroke)
+
+
+def _inside(piece: _Piece, steps: Steps) -> Place:
+    share = hypot(steps[0] - piece.start[0], steps[1] - piece.start[1])
+    drawn = piece.drawn_before + share * piece.pen_down
+    return Place(piece.index, piece.stroke, piece.pen_down, steps, drawn, piece.next_stroke)
 
 
 def _before(piece: _Piece) -> Place:

@@ -249,6 +249,10 @@ def test_a_place_inside_a_stroke_knows_how_much_is_drawn() -> None:
     assert (place.stroke, place.pen_down, place.command) == (0, True, 8)
     assert place.drawn_steps == pytest.approx(20 + 21 + 5)
     assert find_place(items, firmware("3.0.3"), state, (9999, 9999)) is None
+    held = PlotState(HEAD, {}, 1, 30, 40, frozenset(), 0, None, 0.0, None, 0)
+    place = find_place(items, firmware("3.0.3"), held, (30 + 20 + 21 + 5, 10))
+    assert place is not None, "a hold put commands in: the numbers are off, the stroke is not"
+    assert (place.stroke, place.command) == (0, 8)
     unknown = find_place(items, firmware("3.0.3"), state, None)
     assert unknown is not None
     assert unknown.command == 6
