@@ -76,6 +76,12 @@ def prepare(file: str, reading: ReadOptions, settings: Settings) -> Job:
         time_budget_s=settings.order_time,
         join_tolerance_mm=settings.join,
         keep_duplicates=settings.keep_duplicates,
+        seams=settings.seams,
+        overdraw_mm=settings.overdraw,
+        reverse=settings.reverse,
+        interleave=settings.interleave,
+        max_stroke_mm=settings.max_stroke,
+        by=settings.group,
         seed=settings.seed,
     )
     layers = order_layers(arranged.layers, options, HOME_MM)
@@ -107,6 +113,7 @@ def board_setup(settings: Settings, machine: Machine, firmware_version: str | No
         kinematics=machine.kinematics(),
         firmware=firmware(firmware_version or settings.firmware),
         pen=PenCommands(lift.up_pulse, lift.down_pulse, lift.rate_up, lift.rate_down),
+        family=settings.commands,
     )
 
 

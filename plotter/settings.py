@@ -63,6 +63,18 @@ class Settings(BaseModel):
     order_time: Budget = Field(10.0, description="Time that `best` may take.")
     join: Annotated[Length, Field(ge=0, le=10)] = Field(0.1, description="Stroke ends closer than this become one stroke.")
     keep_duplicates: bool = Field(False, description="Draw lines that lie on each other as often as the file has them.")
+    seams: Literal["hidden", "same", "random", "free"] = Field(
+        "hidden",
+        description="Where closed strokes start: at a sharp corner, as in the file, anywhere, or where travel is shortest.",
+    )
+    overdraw: Annotated[Length, Field(ge=0, le=50)] = Field(0.0, description="How far closed strokes go on beyond their start.")
+    reverse: bool = Field(False, description="Draw layers and colours last to first.")
+    interleave: bool = Field(
+        False, description="Draw every other stroke on the way out, the rest on the way back, to let ink dry."
+    )
+    max_stroke: Annotated[Length, Field(gt=0)] | None = Field(None, description="Cut strokes longer than this.")
+    group: Literal["layer", "color"] = Field("layer", description="Keep the file's layers, or gather each colour into one.")
+    commands: Literal["auto", "t3", "lt", "lm", "sm", "xm"] = Field("auto", description="Board commands to use.")
     seed: int = Field(0, ge=0, description="Seed of the ordering's random choices.")
 
     rotate: Literal["auto", "0", "90", "180", "270"] = Field(

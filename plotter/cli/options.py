@@ -26,6 +26,8 @@ _METAVARS = {
     "y": "LENGTH",
     "up": "PERCENT",
     "down": "PERCENT",
+    "stroke": "LENGTH",
+    "overdraw": "LENGTH",
 }
 
 
