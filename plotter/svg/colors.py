@@ -57,3 +57,18 @@ def parse_paint(text: str, current_color: str) -> Paint | None:
     if color.alpha == 0:
         return None
     return Paint(f"#{red:02x}{green:02x}{blue:02x}", color.alpha >= 1)
+
+
+_WORDS = frozenset(("none", "currentcolor", "transparent", "inherit", "initial", "unset", "context-fill", "context-stroke"))
+
+
+@functools.lru_cache(maxsize=65536)
+def is_paint(text: str) -> bool:
+    """Whether a text is a value of `fill` or `stroke` at all."""
+    text = text.strip()
+    if _HEX6.match(text) or text.lower() in _WORDS or text.startswith("url("):
+        return True
+    try:
+        return tinycss2.color4.parse_color(text) is not None
+    except (ValueError, TypeError):
+        return False

@@ -19,6 +19,7 @@ INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 SODIPODI = "http://sodipodi.sourceforge.net/DTD/sodipodi-0.dtd"
 
 _GZIP = b"\x1f\x8b"
+_NAMESPACE_ERRORS = frozenset(("NS_ERR_UNDEFINED_NAMESPACE",))
 _CHUNK_BYTES = 1 << 20
 # Attributes form a chain that takes the square of its length to list.
 _MOST_ATTRIBUTES = 1000
@@ -27,7 +28,8 @@ _QUOTED = rb"(?:\"[^\"]*\"|'[^']*')"
 _DOCTYPE = re.compile(
     rb"<!DOCTYPE\s+([^\s\[>]+)\s*(?:PUBLIC\s*" + _QUOTED + rb"\s*" + _QUOTED + rb"?|SYSTEM\s*" + _QUOTED + rb")"
 )
-_ENTITY = re.compile(rb"<!ENTITY\s+(%\s+)?[^\s\"']+\s+(SYSTEM|PUBLIC|\"|')")
+_ENTITY = re.compile(rb"<!ENTITY\s+(%\s+)?([^\s\"']+)\s+(SYSTEM|PUBLIC|\"|')")
+_SMALL_GROWTH_BYTES = 5_000_000
 _NOT_SVG = {
     b"\x89PNG": "a PNG picture",
     b"\xff\xd8\xff": "a JPEG picture",
@@ -57,7 +59,7 @@ def parse_document(data: bytes, name: str, budgets: Budgets, notes: Notes) -> An
         raise BadInput(
             f"{name} has about {tags} elements and the limit is {budgets.elements}; raise --max-elements if it is meant"
         )
-    root = _parse(data, name, budgets, has_entities)
+    root = _parse(data, name, budgets, notes, has_entities)
     if data.count(b"=") > _MOST_ATTRIBUTES and _CROWDED(root):
         raise BadInput(f"{name} has an element with more than {_MOST_ATTRIBUTES} attributes; remove them")
     return _svg_root(root, name, notes)
@@ -109,17 +111,23 @@ def _as_utf8(data: bytes, name: str) -> bytes:
 
 
 def _check_prolog(data: bytes, name: str) -> bool:
-    """Whether the document declares entities. External and parameter entities are refused here, before any parser sees them."""
+    """Whether the document declares entities that may grow. External and parameter entities are refused here, before any parser
+    sees them; entities that hold no others and stay small when all are put in, as Illustrator writes, do not grow."""
     if b"<!ENTITY" not in data:
         return False
+    grown = 0
     for match in _ENTITY.finditer(data):
-        if match[1] or match[2] in (b"SYSTEM", b"PUBLIC"):
+        if match[1] or match[3] in (b"SYSTEM", b"PUBLIC"):
             kind = "a parameter entity" if match[1] else "an external entity"
             raise BadInput(f"{name} declares {kind}, which is never read; remove the <!ENTITY ...> declaration")
-    return True
+        value = data[match.end() : data.find(match[3], match.end())]
+        if b"&" in value:
+            return True
+        grown += len(value) * data.count(b"&" + match[2] + b";")
+    return grown > _SMALL_GROWTH_BYTES
 
 
-def _parse(data: bytes, name: str, budgets: Budgets, has_entities: bool) -> Any:
+def _parse(data: bytes, name: str, budgets: Budgets, notes: Notes, has_entities: bool) -> Any:
     # huge_tree lifts libxml2's 10 MB limit on one attribute, which a long path needs, but also its guard against entity
     # bombs: so it is only lifted where the document declares no entity.
     parser = etree.XMLParser(
@@ -134,6 +142,17 @@ def _parse(data: bytes, name: str, budgets: Budgets, has_entities: bool) -> Any:
     try:
         return etree.fromstring(data, parser)
     except etree.XMLSyntaxError as error:
+        if all(entry.type_name in _NAMESPACE_ERRORS for entry in error.error_log):
+            notes.add("the document uses namespace prefixes that it does not declare; they were taken as they are written")
+            parser = etree.XMLParser(
+                resolve_entities="internal",
+                no_network=True,
+                load_dtd=False,
+                remove_comments=True,
+                remove_pis=True,
+                recover=True,
+            )
+            return etree.fromstring(data, parser)
         text = str(error.msg or error)
         if "depth" in text.lower() and "excessive" in text.lower():
             raise BadInput(

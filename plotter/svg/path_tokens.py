@@ -238,7 +238,10 @@ def _expand(tokens: _Tokens) -> Commands:
     first = np.repeat(tokens.first, repeats) + within * ARITY[code]
     path = np.repeat(tokens.path, repeats)
     code = np.where((within > 0) & ((code & UPPER) == M), code - np.uint8(M - L), code)
-    return with_moves(Commands(code, first, path, tokens.numbers))
+    # A second close in a row closes nothing.
+    again = np.zeros(len(code), bool)
+    again[1:] = ((code[1:] & UPPER) == Z) & ((code[:-1] & UPPER) == Z) & (path[1:] == path[:-1])
+    return with_moves(Commands(code[~again], first[~again], path[~again], tokens.numbers))
 
 
 def with_moves(commands: Commands) -> Commands:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from plotter.svg.colors import Paint, parse_paint
+from plotter.svg.colors import Paint, is_paint, parse_paint
 from plotter.svg.lengths import Frame, parse_length
 from plotter.svg.stylesheet import Stylesheet, parse_style_attribute
 
@@ -72,6 +72,8 @@ GEOMETRY = frozenset(["x", "y", "width", "height", "cx", "cy", "r", "rx", "ry", 
 _ATTRIBUTES = (INHERITED | OWN) - {"font", "marker"}
 # Attributes that can change the style: what the memory of styles is keyed by.
 KEYS = _ATTRIBUTES | {"style", "class"}
+# A value of these that is no paint is no declaration: what was inherited or declared before holds.
+_PAINTS = frozenset(("fill", "stroke", "color"))
 _KNOWN = INHERITED | OWN | GEOMETRY
 
 # Styles remembered under one parent; a drawing that gives every element its own colour must not fill the memory.
@@ -100,7 +102,7 @@ class Style:
         self.font_px = font_px
         self.children: dict[Any, Style] = {}
         self.displayed = own.get("display") != "none"
-        self.visible = inherited.get("visibility", "visible") == "visible"
+        self.visible = inherited.get("visibility", "visible") not in ("hidden", "collapse")
         color = inherited.get("color", "black")
         self.fill = _paint(inherited.get("fill", "black"), color, inherited.get("fill-opacity"), own.get("opacity"))
         width = parse_length(inherited.get("stroke-width", "1"), frame, frame.diagonal)
@@ -186,7 +188,8 @@ class Cascade:
         inline: list[tuple[str, str, bool]] = []
         for name, value in items:
             if name in _ATTRIBUTES:
-                normal[name] = value.strip()
+                if name not in _PAINTS or is_paint(value):
+                    normal[name] = value.strip()
             elif name == "style":
                 parsed = self._parsed.get(value)
                 if parsed is None:
@@ -197,7 +200,7 @@ class Cascade:
         important: dict[str, str] = {}
         for declarations in (*(rule.declarations for rule in rules), inline):
             for name, value, is_important in declarations:
-                if name in _KNOWN:
+                if name in _KNOWN and (name not in _PAINTS or is_paint(value)):
                     for target in (normal, important) if is_important else (normal,):
                         _declare(target, name, value)
         normal.update(important)

@@ -43,13 +43,15 @@ _FONT = (
     "dominant-baseline",
     "white-space",
 )
-_FONT_OWN = ("baseline-shift", "alignment-baseline")
+_FONT_OWN = ("baseline-shift", "alignment-baseline", "text-decoration")
 _TEXTS = frozenset(("text", "tspan", "textPath", "a", "tref"))
 # The engine opens its font anew for every text, which takes milliseconds.
 _MANY_TEXTS = 200
 _MANY_CHARACTERS = 5000
 _LAST_PLAIN = "\u024f"
-_NOT_PLAIN = frozenset(("textLength", "word-spacing", "writing-mode", "direction", "dominant-baseline", "baseline-shift"))
+_NOT_PLAIN = frozenset(
+    ("text-decoration", "textLength", "word-spacing", "writing-mode", "direction", "dominant-baseline", "baseline-shift")
+)
 
 _GENERIC = {
     "sans-serif": ("Arial", "Helvetica", "Liberation Sans", "DejaVu Sans", "Noto Sans", "Verdana"),

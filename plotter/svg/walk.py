@@ -95,7 +95,8 @@ class Walk:
         px_per_in = self.options.px_per_in
         mm = MM_PER_IN / px_per_in
         box = self.view_box(self.root)
-        outer = Frame(box[2] if box else _NO_SIZE_PX, box[3] if box else _NO_SIZE_PX, 16.0, px_per_in)
+        sized = box is not None and box[2] > 0 and box[3] > 0
+        outer = Frame(box[2] if sized else _NO_SIZE_PX, box[3] if sized else _NO_SIZE_PX, 16.0, px_per_in)
         width, height = self._page_size(box, outer)
         self.width_mm, self.height_mm = width * mm, height * mm
         inner = Frame(width, height, 16.0, px_per_in)
@@ -376,7 +377,7 @@ class Walk:
     def use(self, element: Any, inner: Context) -> None:
         href = element.get("href")
         if href is None:
-            href = element.get(_HREF) or ""
+            href = element.get(_HREF) or element.get("xlink:href") or ""
         target = self.find(href, "<use>")
         if target is None:
             return

@@ -104,7 +104,7 @@ def test_long_relative_paths_do_not_drift() -> None:
 
 def test_dots_are_drawn_by_round_and_square_caps_only() -> None:
     for cap, count in (("round", 2), ("square", 2), ("butt", 0)):
-        drawing = page(f'<path stroke-linecap="{cap}" d="M5 5z M7 7h0 M9 9"/>')
+        drawing = page(f'<path stroke-linecap="{cap}" d="M5 5zzz M7 7h0 M9 9"/>')
         assert [len(one) for one in polylines(drawing)] == [1] * count
 
 

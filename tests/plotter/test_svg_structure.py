@@ -116,3 +116,25 @@ def test_links_are_groups_and_foreign_elements_are_skipped() -> None:
         '<a href="x"><path d="M0 0h5"/></a><x:y xmlns:x="urn:x"><path d="M0 0h5"/></x:y><unknown><path d="M0 0h5"/></unknown>'
     )
     assert page(body).stroke_count == 1
+
+
+def test_undeclared_prefixes_are_tolerated_and_said() -> None:
+    from plotter.svg.read import read_drawing
+
+    text = (
+        '<svg xmlns="http://www.w3.org/2000/svg" width="9mm" height="9mm"><path id="p" d="M0 0h5" sodipodi:x="1"/>'
+        '<use xlink:href="#p" x="1"/></svg>'
+    )
+    drawing = read_drawing(text.encode())
+    assert drawing.stroke_count == 2 and any("prefixes" in warning for warning in drawing.warnings)
+
+
+def test_illustrators_entities_do_not_limit_the_length_of_a_path() -> None:
+    from plotter.svg.read import read_drawing
+
+    path = "M0 0" + "l1 1-1-1" * 1_400_000
+    assert len(path) > 10_000_000
+    prolog = '<!DOCTYPE svg [<!ENTITY ns "http://www.w3.org/2000/svg">]>'
+    text = f'{prolog}<svg xmlns="&ns;" width="9mm" height="9mm"><path d="{path}"/></svg>'
+    (stroke,) = read_drawing(text.encode()).layers[0].strokes
+    assert len(stroke.points_mm) == 2_800_001

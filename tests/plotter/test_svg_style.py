@@ -39,6 +39,9 @@ def colors(body: str, **options: object) -> list[str | None]:
         ('stroke="hsl(120,100%,50%)"', "", "#00ff00"),
         ('stroke="inherit"', "", "#000000"),
         ('stroke="none" fill="blue"', "", "#0000ff"),
+        ('stroke="nonsense"', "", "#000000"),
+        ('stroke="red!important"', "", "#000000"),
+        ('stroke="red" style="stroke:12px"', "", "#ff0000"),
     ],
 )
 def test_the_cascade(attributes: str, sheet: str, color: str) -> None:
