@@ -112,7 +112,7 @@ class Assembly:
 
 def _hides(shape: Shape) -> bool:
     fill = shape.style.fill
-    return fill is not None and fill.opaque and shape.style.visible
+    return fill is not None and fill.opaque and shape.style.visible and not shape.style.translucent
 
 
 def _shut(piece: Piece) -> Piece:

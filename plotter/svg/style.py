@@ -94,13 +94,28 @@ _FONT_SIZE_PX = {
 class Style:
     """One computed style. `inherited` and `own` hold CSS texts; the rest is what the reader asks for, worked out once."""
 
-    __slots__ = ("children", "displayed", "fill", "font_px", "inherited", "own", "stroke", "stroke_px", "visible")
+    __slots__ = (
+        "children",
+        "displayed",
+        "fill",
+        "font_px",
+        "inherited",
+        "own",
+        "stroke",
+        "stroke_px",
+        "translucent",
+        "visible",
+    )
 
-    def __init__(self, inherited: dict[str, str], own: dict[str, str], font_px: float, frame: Frame) -> None:
+    def __init__(
+        self, inherited: dict[str, str], own: dict[str, str], font_px: float, frame: Frame, *, inside_translucent: bool = False
+    ) -> None:
         self.inherited = inherited
         self.own = own
         self.font_px = font_px
         self.children: dict[Any, Style] = {}
+        # Whether something shows through, be it because of a group around: then a fill hides nothing.
+        self.translucent = inside_translucent or _opacity(own.get("opacity")) < 1 or own.get("mask", "none") != "none"
         self.displayed = own.get("display") != "none"
         self.visible = inherited.get("visibility", "visible") not in ("hidden", "collapse")
         color = inherited.get("color", "black")
@@ -229,7 +244,8 @@ class Cascade:
         font_px = _font_px(inherited, parent, frame)
         if copied and inherited.get("font-size", "").endswith(("em", "ex", "%", "ch", "larger", "smaller")):
             inherited["font-size"] = f"{font_px!r}px"
-        return Style(inherited, own, font_px, Frame(frame.width, frame.height, font_px, frame.px_per_in))
+        inner = Frame(frame.width, frame.height, font_px, frame.px_per_in)
+        return Style(inherited, own, font_px, inner, inside_translucent=parent.translucent)
 
 
 def _declare(target: dict[str, str], name: str, value: str) -> None:

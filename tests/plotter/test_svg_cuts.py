@@ -159,6 +159,12 @@ def test_opaque_fills_hide_what_lies_under_them_only() -> None:
         ]
 
 
+def test_a_translucent_group_hides_nothing() -> None:
+    for effect in ('opacity=".5"', 'mask="url(#m)"'):
+        body = f'<path d="M0 20H40"/><g {effect}><g><rect x="10" y="10" width="20" height="20" fill="red"/></g></g>'
+        assert rounded(page(body, occlude=True))[0] == [[0, 20], [40, 20]]
+
+
 def test_occlusion_follows_fill_rules_clips_and_shared_edges() -> None:
     ring = '<path fill="white" fill-rule="evenodd" d="M10 10H40V40H10zM20 20H30V30H20z"/>'
     found = rounded(page('<path d="M0 25H50"/>' + ring, occlude=True))
