@@ -16,7 +16,7 @@ from planning.ordering.quick import is_dot
 # Two lines nearer than this over their common length are one line: less than half a motor step of 0.0125 mm.
 SAME_LINE_MM = 0.005
 
-# What was drawn before is left out in stretches of at least this length: a lift in the middle of a stroke costs more than the ink.
+# What was drawn before is left out in stretches of at least this length: for less, a lift costs more than the ink.
 LEAST_GAP_MM = 0.5
 
 # A segment longer than this stands in the index in pieces; all segments together in at most so many.
@@ -213,11 +213,7 @@ def _without_small_gaps(stroke: Stroke, left: dict[int, list[Interval]]) -> dict
     if sum(end - begin for begin, end in gaps) >= run[-1] - SAME_LINE_MM:
         return left
     wide = [(begin, end) for begin, end in gaps if end - begin >= LEAST_GAP_MM]
-    kept = {}
-    for k, intervals in left.items():
-        if any(begin < run[k + 1] and end > run[k] for begin, end in wide):
-            kept[k] = intervals
-    return kept
+    return {k: part for k, part in left.items() if any(begin < run[k + 1] and end > run[k] for begin, end in wide)}
 
 
 def _pieces(stroke: Stroke, left: dict[int, list[Interval]]) -> list[Stroke]:

@@ -9,16 +9,18 @@ others stay.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from planning.ordering.greedy import Nodes
-from planning.ordering.improve import Costs, Effort, Exchange, Stop, improve, never
+from planning.ordering.improve import LEAST_GAIN, Costs, Effort, Exchange, Stop, improve, never
 from planning.ordering.tour import Pair, Tour
 
 # The four links lie within this many places of the route.
-REACH = 10
+REACH = 50
 # Most disturbances in a round: one in so many places.
-SPACING = 60
+SPACING = 100
 
 
 def kick(
@@ -41,11 +43,23 @@ def _round(tour: Tour, near: Nodes, costs: Costs, effort: Effort, kicks: int, rn
     done = _disturb(tour, costs, kicks, rng)
     active = np.array(sorted({node for exchange in done for pair in exchange.removed for node in pair}), dtype=np.int64)
     done += improve(tour, near, costs, effort, active)
-    saved = sum(exchange.gain for exchange in done) - _undo_losses(tour, done)
-    if saved < 0:
-        tour.restore(before)
-        return 0.0
-    return saved
+    won = [together for together in _together(done) if _gain(together) > LEAST_GAIN]
+    tour.restore(before)
+    return math.fsum(_gain(together) for together in won if _carry_out(tour, together))
+
+
+def _gain(exchanges: list[Exchange]) -> float:
+    return math.fsum(exchange.gain for exchange in exchanges)
+
+
+def _carry_out(tour: Tour, exchanges: list[Exchange]) -> bool:
+    """All of the exchanges or, when one of them does not leave one tour without those that are not made again, none."""
+    for k, exchange in enumerate(exchanges):
+        if not tour.exchange(exchange.removed, exchange.added):
+            for made in reversed(exchanges[:k]):
+                tour.exchange(made.added, made.removed)
+            return False
+    return True
 
 
 def _disturb(tour: Tour, costs: Costs, kicks: int, rng: np.random.Generator) -> list[Exchange]:
@@ -66,8 +80,8 @@ def _disturb(tour: Tour, costs: Costs, kicks: int, rng: np.random.Generator) -> 
     return done
 
 
-def _undo_losses(tour: Tour, done: list[Exchange]) -> float:
-    """Take back each set of exchanges that hang together and lost; returns the sum of the (negative) gains taken back."""
+def _together(done: list[Exchange]) -> list[list[Exchange]]:
+    """The exchanges in sets that have no node in common, each in the order in which they were made."""
     parent = list(range(len(done)))
 
     def root(of: int) -> int:
@@ -82,21 +96,10 @@ def _undo_losses(tour: Tour, done: list[Exchange]) -> float:
             if node in owner:
                 parent[root(owner[node])] = k
             owner[node] = k
-    total: dict[int, float] = {}
-    members: dict[int, list[Exchange]] = {}
+    sets: dict[int, list[Exchange]] = {}
     for k, exchange in enumerate(done):
-        total[root(k)] = total.get(root(k), 0.0) + exchange.gain
-        members.setdefault(root(k), []).append(exchange)
-    lost = [members[number] for number, gain in total.items() if gain < 0]
-    undone, progress = 0.0, True
-    while lost and progress:  # a set may have to wait for another that has turned a part of the route round
-        progress = False
-        for exchanges in lost:
-            while exchanges and tour.exchange(exchanges[-1].added, exchanges[-1].removed):
-                undone += exchanges.pop().gain
-                progress = True
-        lost = [exchanges for exchanges in lost if exchanges]
-    return undone
+        sets.setdefault(root(k), []).append(exchange)
+    return list(sets.values())
 
 
 def _ends(pairs: list[Pair]) -> list[int]:

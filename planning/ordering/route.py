@@ -18,9 +18,9 @@ from planning.ordering.tour import Tour
 
 QUICK = Effort(breadth=12, depth=3, width=20)
 THOROUGH = Effort(breadth=14, depth=4, width=40)
-REPAIR = Effort(breadth=8, depth=5, width=12)
+REPAIR = Effort(breadth=12, depth=4, width=6)
 
-# What one second of budget buys. Counted and not timed, so that a drawing gives the same route on every machine; near what these
+# What one second of budget buys. Counted and not timed, so that a drawing gives the same route on every machine; near what they
 # take on a core of 2024.
 QUICK_STROKES_PER_S = 40_000
 THOROUGH_STROKES_PER_S = 15_000
