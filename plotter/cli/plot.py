@@ -72,7 +72,7 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
 
 def patience_s(speed: float) -> float:
     """How long the virtual board waits for this computer before it runs dry: in real time not at all, as a board would."""
-    return 0.0 if speed <= 1 else 5.0
+    return 0.0 if speed <= 1 else 120.0
 
 
 def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | None) -> None:
