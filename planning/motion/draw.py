@@ -6,7 +6,7 @@ found.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,12 +18,15 @@ from planning.motion.fit import Fit
 from planning.motion.limits import Kinematics, Limits
 from planning.motion.path import Array, Ints, Mask, path_set, thinned, thinning_mm
 from planning.motion.plan import TICK_S, Motion, still
+from planning.motion.speed import speed_caps
 from planning.motion.travel import straight
 from planning.motion.tube import Section, Tuning, fit_sections, knot_spacing_s
 
 # A longer stroke is planned in windows: memory and work then grow with the window.
 WINDOW_VERTICES = 1500
 WINDOW_S = 15.0
+# Constant speed: steps of speed, the least share of the limit, and how much of a corner's cap the jerk limit leaves.
+EVEN_STEP, EVEN_FLOOR, EVEN_SHARE = 0.8, 0.1, 0.7
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -66,6 +69,35 @@ def draw_motions(strokes: Sequence[Stroke], limits: Limits, kinematics: Kinemati
     if missing:
         raise ImpossiblePlan(f"stroke {missing[0]} could not be planned; lower the speed or widen the path tolerance")
     return [motion for motion in out if motion is not None]
+
+
+def even_motions(strokes: Sequence[Stroke], limits: Limits, kinematics: Kinematics, first_number: int = 0) -> list[Motion]:
+    """As draw_motions, each stroke as even in speed as its bends allow: no faster anywhere than where it must be slowest.
+
+    A stroke whose corners would make it slower than EVEN_FLOOR of the speed limit runs at that speed and slows down for them.
+    Speeds are rounded down to steps of EVEN_STEP, so that strokes can be planned together.
+    """
+    step = [_even_step(stroke, limits, kinematics) for stroke in strokes]
+    out: list[Motion | None] = [None] * len(strokes)
+    for k in sorted(set(step)):
+        mine = [i for i, own in enumerate(step) if own == k]
+        slower = replace(limits, speed_mm_s=limits.speed_mm_s * EVEN_STEP**k)
+        for i, motion in zip(mine, draw_motions([strokes[i] for i in mine], slower, kinematics, first_number), strict=True):
+            out[i] = motion
+    return [motion for motion in out if motion is not None]
+
+
+def _even_step(stroke: Stroke, limits: Limits, kinematics: Kinematics) -> int:
+    """How many steps below the limit the speed is that the whole stroke can keep, its ends aside."""
+    kept = thinned(stroke.points_mm, thinning_mm(limits.tolerance_mm))
+    if len(kept) < 3:
+        return 0
+    corners = None if stroke.corners is None else stroke.corners[kept]
+    paths = path_set([stroke.points_mm[kept]], [corners], limits.tolerance_mm)
+    cap, _ = speed_caps(paths, limits, kinematics, limits.acceleration_mm_s2 / limits.jerk_mm_s3)
+    slowest = EVEN_SHARE * float(cap[1:-1].min())
+    share = min(1.0, max(EVEN_FLOOR, slowest / limits.speed_mm_s))
+    return int(np.ceil(np.log(share) / np.log(EVEN_STEP) - 1e-9))
 
 
 def _simple(stroke: Stroke, limits: Limits, kinematics: Kinematics) -> Motion | Ints:

@@ -87,19 +87,54 @@ def thinning_mm(tolerance_mm: float) -> float:
 
 
 def thinned(points_mm: Array, within_mm: float) -> Ints:
-    """Indices of the vertices worth planning: first, last, and those that keep the polyline `within_mm` (Douglas-Peucker).
+    """Indices of the vertices worth planning: first, last, and those that keep the polyline `within_mm`, in order of travel.
 
-    No two of them are nearer than that, except when only two are left. In slices, so that the cost stays linear.
+    Douglas-Peucker, which looks at distance alone: where it would drop a path that runs back and forth along its chord, that
+    stretch keeps all vertices that are further than `within_mm` apart. In slices, so that the cost stays linear.
     """
     n = len(points_mm)
-    kept = []
+    parts = []
     for start in range(0, max(1, n - 1), THINNING_SLICE):
         index = np.arange(start, min(n, start + THINNING_SLICE + 1))
         # The index rides along as the third coordinate, which Douglas-Peucker does not look at.
         line = shapely.linestrings(np.column_stack((points_mm[index], index)))
         thin = shapely.simplify(line, within_mm, preserve_topology=False)
-        kept.append(np.rint(shapely.get_coordinates(thin, include_z=True)[:, 2]).astype(np.int64))
-    return np.unique(np.concatenate(kept))
+        parts.append(np.rint(shapely.get_coordinates(thin, include_z=True)[:, 2]).astype(np.int64))
+    kept = np.unique(np.concatenate(parts))
+    folded = _folded(points_mm, kept, within_mm)
+    if folded.any():
+        along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points_mm, axis=0).T))))
+        segment = np.clip(np.searchsorted(kept, np.arange(n), side="right") - 1, 0, len(kept) - 2)
+        moved = np.concatenate(([True], np.diff(np.floor(along / within_mm)) > 0.0))
+        kept = np.union1d(kept, np.flatnonzero(folded[segment] & moved))
+    return _without_equal_neighbours(points_mm, kept)
+
+
+def _folded(points_mm: Array, kept: Ints, within_mm: float) -> Mask:
+    """Which kept segments stand for vertices that go back along them by more than `within_mm`."""
+    if len(kept) == len(points_mm):
+        return np.zeros(len(kept) - 1, dtype=np.bool_)
+    segment = np.clip(np.searchsorted(kept, np.arange(len(points_mm)), side="right") - 1, 0, len(kept) - 2)
+    start, chord = points_mm[kept[:-1]][segment], np.diff(points_mm[kept], axis=0)[segment]
+    length = np.hypot(chord[:, 0], chord[:, 1])
+    offset = points_mm - start
+    along = (offset * chord).sum(axis=1) / np.maximum(length, 1e-12)
+    # One running maximum for all segments: each is lifted above whatever the ones before it can reach.
+    lift = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points_mm[kept], axis=0).T) + 4.0 * within_mm)))[segment]
+    back = np.maximum.accumulate(along + lift) - (along + lift)
+    out = np.zeros(len(kept) - 1, dtype=np.bool_)
+    out[segment[(back > within_mm) & (length > 0.0)]] = True
+    return out
+
+
+def _without_equal_neighbours(points_mm: Array, kept: Ints) -> Ints:
+    while len(kept) > 1:
+        same = np.flatnonzero((np.diff(points_mm[kept], axis=0) == 0.0).all(axis=1))
+        if not len(same):
+            break
+        # Of two equal neighbours the first goes, but never the stroke's own first vertex.
+        kept = np.delete(kept, np.where(same == 0, 1, same))
+    return kept
 
 
 def path_set(points: Sequence[Array], corners: Sequence[Mask | None], tolerance_mm: float) -> PathSet:

@@ -9,7 +9,7 @@ import numpy as np
 
 from planning.errors import OutsideMachine
 from planning.geometry.stroke import Layer, Stroke
-from planning.motion.draw import draw_motions
+from planning.motion.draw import draw_motions, even_motions
 from planning.motion.limits import Kinematics, Limits
 from planning.motion.path import Array
 from planning.motion.plan import TICK_S, Action, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
@@ -130,4 +130,5 @@ def _chunk(strokes: list[Stroke], start: int, vertices: int) -> int:
 
 
 def _draws(chunk: list[Stroke], settings: MotionSettings, number: int) -> Iterator[Motion]:
-    yield from draw_motions(chunk, settings.draw, settings.kinematics, number)
+    draw = even_motions if settings.constant_speed else draw_motions
+    yield from draw(chunk, settings.draw, settings.kinematics, number)

@@ -99,7 +99,9 @@ def scale_caps(paths: PathSet, limits: Limits, window_s: float) -> Array:
 def speed_caps(paths: PathSet, limits: Limits, kinematics: Kinematics, corner_window_s: float) -> tuple[Array, Array]:
     """Caps at the vertices (N,), 0 at the ends, and along the segments (N - 1,), by direction and the motors' step rate."""
     unit = np.diff(paths.point_mm, axis=0) / paths.length_mm[:, None]
-    along = np.minimum(limits.speed_mm_s, kinematics.max_step_rate / np.abs(unit @ kinematics.steps_per_mm.T).max(axis=1))
+    # Between paths that touch there is a void segment without direction.
+    steps_per_mm = np.maximum(np.abs(unit @ kinematics.steps_per_mm.T).max(axis=1), 1e-12)
+    along = np.minimum(limits.speed_mm_s, kinematics.max_step_rate / steps_per_mm)
     by_scale = scale_caps(paths, limits, 0.6 * corner_window_s)
     by_corner = corner_cap(paths.turn_rad, limits.acceleration_mm_s2, limits.tolerance_mm)
     cap = np.where(paths.sharp, np.minimum(by_corner, np.maximum(by_scale, 0.5 * by_corner)), by_scale)

@@ -31,7 +31,7 @@ TAKE = 0.9998
 # Levelling aims a little lower still, so that the last few places come down too.
 LEVEL, LEVEL_TOLERANCE = 0.975, 0.92
 STAGES = 24
-FIRST_ROUNDS, ROUNDS = 16, 12
+FIRST_ROUNDS, ROUNDS = 12, 12
 FEWEST_INTERVALS = 6
 # Patches: margin beside a bad place in units of the corner window, and rounds of slowing down before it is widened.
 PATCH_MARGIN = 2.5
@@ -39,6 +39,8 @@ PATCH_STAGES = 6
 DROPPED = 10_000
 # Patches are cheap: every time one has failed, levelling gets this many more rounds.
 STUBBORN_ROUNDS = 8
+# After this many rounds the weights should have settled; what follows is done in smaller steps.
+SETTLED = 16
 # Pieces 4, 3, 2 knot spacings long where the profile's jerk stays below these parts of its limit; no longer than LONGEST_S;
 # in the first stages of a whole section only.
 CALM_JERK = (0.1, 0.25, 0.45)
@@ -587,7 +589,7 @@ class _Solver:
 
     def _reweigh(self, rows: _Rows, ratio: Array, anchor_ratio: Array, turn: int) -> None:
         """Lawson's step: weigh more what is over its aim, less what is under it; more gently once it should have settled."""
-        gain = 1.0 if turn < ROUNDS else 0.5
+        gain = 1.0 if turn < SETTLED else 0.5
         scaled = ratio / np.array([[LEVEL], [LEVEL], [LEVEL_TOLERANCE]])
         rows.weights += gain * np.where(scaled > 1.0, 3.0, 0.5) * np.log(np.clip(scaled, 0.3, 3.0))
         np.clip(rows.weights, -40.0, 25.0, out=rows.weights)

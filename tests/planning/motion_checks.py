@@ -1,0 +1,95 @@
+"""The laws of a Plan, checked on a motion by dense sampling: written apart from the planner, so that the two can disagree."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planning.motion.limits import Limits
+from planning.motion.plan import TICK_S, Motion
+
+Points = NDArray[np.float64]
+
+
+def assert_whole_ticks(motion: Motion) -> None:
+    ticks = motion.duration_s / TICK_S
+    assert np.abs(ticks - np.rint(ticks)).max(initial=0.0) < 1e-6
+
+
+def assert_continuous(motion: Motion, from_rest: bool = True) -> None:
+    """Position, velocity and acceleration run on from piece to piece, and are those of rest at the end (and at the start)."""
+    if not len(motion):
+        return
+    position, velocity, acceleration = motion.ends()
+    after = np.vstack((motion.position_mm[1:], motion.end_mm))
+    rest = np.zeros((1, 2))
+    assert np.abs(position - after).max() < 1e-9
+    assert np.abs(velocity - np.vstack((motion.velocity_mm_s[1:], rest))).max() < 1e-7
+    assert np.abs(acceleration - np.vstack((motion.acceleration_mm_s2[1:], rest))).max() < 1e-5
+    if from_rest:
+        assert not motion.velocity_mm_s[0].any()
+        assert not motion.acceleration_mm_s2[0].any()
+
+
+def samples(motion: Motion, step_s: float = 0.0005) -> tuple[Points, Points, Points, Points]:
+    count = max(200, int(motion.total_s / step_s))
+    return motion.sample(np.linspace(0.0, motion.total_s, count))
+
+
+def assert_within_limits(motion: Motion, limits: Limits) -> None:
+    _, v, a, j = samples(motion)
+    assert np.hypot(*v.T).max() <= limits.speed_mm_s * (1 + 1e-9)
+    assert np.hypot(*a.T).max() <= limits.acceleration_mm_s2 * (1 + 1e-9)
+    assert np.hypot(*j.T).max() <= limits.jerk_mm_s3 * (1 + 1e-9)
+
+
+def farthest(at: Points, line: Points) -> float:
+    """The greatest distance of any of `at` (m, 2) from the polyline `line` (n, 2), by looking at every segment."""
+    if len(line) == 1:
+        return float(np.hypot(*(at - line[0]).T).max())
+    start, chord = line[:-1], np.diff(line, axis=0)
+    square = np.maximum((chord**2).sum(axis=1), 1e-300)
+    worst = 0.0
+    for some in np.array_split(at, max(1, len(at) * len(chord) // 2_000_000)):
+        offset = some[:, None] - start
+        share = np.clip((offset * chord).sum(axis=2) / square, 0.0, 1.0)
+        rest = offset - share[..., None] * chord
+        worst = max(worst, float(np.sqrt((rest**2).sum(axis=2).min(axis=1)).max()))
+    return worst
+
+
+def assert_draws(motion: Motion, points: Points, limits: Limits) -> None:
+    """Starts and ends on the stroke's ends exactly, stays within the tolerance of it, and leaves none of its vertices out."""
+    assert (motion.start_mm == points[0]).all() or not len(motion)
+    assert (motion.end_mm == points[-1]).all()
+    if not len(motion):
+        assert farthest(points, points[-1:]) <= limits.tolerance_mm
+        return
+    q = samples(motion)[0]
+    assert farthest(q, points) <= limits.tolerance_mm
+    fine = samples(motion, 0.0002)[0]
+    # Chords of the samples cut bends by |a| dt^2 / 8.
+    assert farthest(points, fine) <= limits.tolerance_mm + limits.acceleration_mm_s2 * 0.0002**2 / 8.0 + 1e-9
+    assert in_order(points, motion, limits)
+
+
+def in_order(points: Points, motion: Motion, limits: Limits) -> bool:
+    """True when the vertices can be visited one after the other in time, each within the tolerance: nothing is cut short."""
+    count = max(400, int(motion.total_s / 0.0004))
+    q = motion.sample(np.linspace(0.0, motion.total_s, count))[0]
+    reach = limits.tolerance_mm + limits.speed_mm_s * motion.total_s / count
+    at = 0
+    for p in points:
+        near = np.flatnonzero(np.hypot(*(q[at:] - p).T) <= reach)
+        if not len(near):
+            return False
+        at += int(near[0])
+    return True
+
+
+def assert_keeps_all_laws(motion: Motion, points: Points, limits: Limits) -> None:
+    assert_whole_ticks(motion)
+    assert_continuous(motion)
+    if len(motion):
+        assert_within_limits(motion, limits)
+    assert_draws(motion, points, limits)
