@@ -142,7 +142,7 @@ def _parse(data: bytes, name: str, budgets: Budgets, notes: Notes, has_entities:
     try:
         return etree.fromstring(data, parser)
     except etree.XMLSyntaxError as error:
-        if all(entry.type_name in _NAMESPACE_ERRORS for entry in error.error_log):
+        if all(entry.type_name in _NAMESPACE_ERRORS for entry in parser.error_log):
             notes.add("the document uses namespace prefixes that it does not declare; they were taken as they are written")
             parser = etree.XMLParser(
                 resolve_entities="internal",

@@ -5,6 +5,7 @@ Part of the optional extra `text`; without it `available` is False.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.util
 import os
@@ -66,7 +67,9 @@ def _module() -> tuple[Any, Any]:
     import wasmtime
 
     config = wasmtime.Config()
-    config.cache = True
+    # Where the cache's folder cannot be made, the program is compiled anew each time: three seconds.
+    with contextlib.suppress(wasmtime.WasmtimeError):
+        config.cache = True
     config.epoch_interruption = True
     engine = wasmtime.Engine(config)
     return engine, wasmtime.Module.from_file(engine, str(_program()))
