@@ -19,14 +19,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import StringIO
 from itertools import chain
 from pathlib import Path
 from typing import IO, NamedTuple, TextIO
 
 from output.ebb.commands import Command
-from output.ebb.commands_text import parse_command
+from output.ebb.commands_text import parse_as_sent, parse_command
 from output.ebb.program import LayerMark, Mark, Note, PauseMark, StrokeEnd, StrokeMark
 from output.errors import BadCommand
 
@@ -82,7 +82,8 @@ def mark_line(mark: Mark) -> str:
 def read_command_file(source: str | Path | TextIO, problems: list[str] | None = None) -> tuple[dict[str, str], Iterator[Line]]:
     """The header, and the commands and marks with their line numbers, read as they are asked for.
 
-    A line that is neither raises BadCommand with its number, or, when `problems` is given, is said there and skipped.
+    A line that is neither raises BadCommand with its number, or, when `problems` is given, is said there and skipped (but
+    read all the same where a board would take it).
     Raises BadCommand for what is not text, OSError for what cannot be opened.
     """
     lines = _numbered(source)
@@ -114,6 +115,9 @@ def _parsed(lines: Iterable[tuple[int, str]], problems: list[str] | None) -> Ite
             if problems is None:
                 raise BadCommand(f"line {number}: {error}") from None
             problems.append(f"line {number}: {error}")
+            # Some of what nobody should send, boards do take: show what they would make of it.
+            with suppress(BadCommand):
+                yield Line(number, parse_as_sent(text))
 
 
 def _mark(text: str) -> Mark | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,7 +115,7 @@ class Cubic(Family):
         return *sized[0], 1.0
 
     def _queue_after(self, borders: Borders) -> tuple[QueueModel, bool]:
-        model = deepcopy(self.queue)
+        model = self.queue.copy()
         takes = self.sizing.host_s + service_s(self.firmware, "T3", self.load(borders.v[:-1]))
         lasts = np.asarray((borders.ticks + self.firmware.dead_ticks) * TICK_S, dtype=np.float64)
         speeds = np.asarray(np.hypot(*(borders.v[:-1] @ self.to_mm).T) / TICK_S)

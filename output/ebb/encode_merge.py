@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from output.ebb.encode_pieces import Borders
+from output.ebb.encode_pieces import SLACK, Borders
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,9 @@ def _fitting(
         turn = np.where(jerk != 0, -a0 / jerk, 0.0)
     turn = np.clip(turn, 0.0, t)
     middle = v0 + turn * (a0 + turn * jerk / 2)
-    turns = ((low >= -_STILL) & (middle < -_STILL)) | ((high <= _STILL) & (middle > _STILL))
+    # A dip of a thousandth of the speed is held back when it is quantised; more would be a turn.
+    slack = np.maximum(_STILL, SLACK * np.maximum(np.abs(low), np.abs(high)))
+    turns = ((low >= -slack) & (middle < -slack)) | ((high <= slack) & (middle > slack))
     return starts[good & ~turns.any(axis=1)]
 
 

@@ -38,6 +38,10 @@ _END_ERROR = ONE_STEP / 64
 _PAIR_RATE = 1.2e-4
 # Ticks: a piece of this length that is held back so ends at most 1/64 of a step off.
 _LONGEST_AT_REST = 900.0
+# A rate this much (of the piece's greatest) the wrong way is the rounding of a piece that goes one way.
+SLACK = 2e-3
+# Ticks over which an error of the phase is made good when the pieces are shorter.
+_SETTLING = 250
 # Pieces that are worked on at a time: arrays are quick, but Python's integers take room.
 _WINDOW = 1 << 15
 # Rates below this (2^-31 steps per tick) are standing still: 1e-5 steps per second.
@@ -161,8 +165,9 @@ def cubics_of(borders: Borders) -> Cubics:
     if max(fastest.max(initial=0.0), -slowest.min(initial=0.0)) > ONE_STEP * 1.0000001:
         speed = max(fastest.max(), -slowest.min()) / ONE_STEP / TICK_S
         raise BadCommand(f"a motor would have to step at {speed:.0f} Hz, the board steps at most at 25000 Hz; plan slower")
-    forwards, backwards = slowest >= -_STILL_RATE, fastest <= _STILL_RATE
-    still = forwards & backwards
+    slack = np.maximum(_STILL_RATE, SLACK * np.maximum(-slowest, fastest))
+    forwards, backwards = slowest >= -slack, fastest <= slack
+    still = (slowest >= -_STILL_RATE) & (fastest <= _STILL_RATE)
     accel, jerk = np.where(still, 0, accel), np.where(still, 0, jerk)
 
     low, high = _register_extremes(accel, jerk, ticks)
@@ -245,7 +250,7 @@ def quantised(borders: Borders, phase: Phase) -> Iterator[Parameters]:
         last = min(first + _WINDOW, len(borders))
         window = Borders(borders.x[first : last + 1], borders.v[first : last + 1], borders.ticks[first:last])
         cubics = cubics_of(window)
-        targets = np.rint(window.x[1:]).astype(np.int64) + PRIMED
+        targets = np.rint(window.x).astype(np.int64) + PRIMED
         ticks = window.ticks.tolist()
         rate1, accel1, jerk1, phase.axis1 = _one_axis(ticks, cubics, targets, 0, phase.axis1)
         rate2, accel2, jerk2, phase.axis2 = _one_axis(ticks, cubics, targets, 1, phase.axis2)
@@ -261,15 +266,19 @@ def _one_axis(
         cubics.base[:, axis].tolist(),
         cubics.least[:, axis].tolist(),
         cubics.most[:, axis].tolist(),
-        targets[:, axis].tolist(),
+        targets[:-1, axis].tolist(),
+        targets[1:, axis].tolist(),
         cubics.way[:, axis].tolist(),
         cubics.slow[:, axis].tolist(),
         strict=True,
     )
-    for i, (t, base, least, most, target, way, slow) in enumerate(rows):
+    for i, (t, base, least, most, start, target, way, slow) in enumerate(rows):
         if way == 2:
             rates.append(0)
             continue
+        if t < _SETTLING:
+            # What is off is not made good at once, which would be a jolt, but at the pace of longer pieces.
+            target += (phase - start) * (_SETTLING - t) // _SETTLING
         rate = (2 * (target - phase - base) + t) // (2 * t)
         if rate < least or rate > most:
             rate = least if rate < least else most

@@ -13,7 +13,7 @@ length, and a stutter when the motors were moving.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +64,10 @@ class QueueModel:
     _end_s: float = 0.0
     _started: list[float] = field(default_factory=list)
     _count: int = 0
+
+    def copy(self) -> QueueModel:
+        """The same queue, to try something on."""
+        return replace(self, _started=list(self._started), first_underruns=list(self.first_underruns))
 
     def feed(self, command: NDArray[np.int64], takes_s: Array, duration_s: Array, speed_mm_s: Array) -> Array:
         """Leads (n,) in seconds of the commands numbered `command`, each with what host and board take for it, its duration and

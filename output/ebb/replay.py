@@ -253,9 +253,9 @@ class Replay:
             return
         if done.overflow:
             self._overflow(command.wire())
-        counter, kind = self.counters(), MOVE
-        if done.ticks == 1 and done.state.position == self._state.position:
-            kind = WAIT
+        counter = self.counters()
+        primes = isinstance(command, LT) and command == LT(1, HALF, 0, HALF, 0) and done.state.position == self._state.position
+        kind = WAIT if primes else MOVE
         for i, segment in enumerate(done.segments):
             if i:
                 counter = self._physical(((segment.phase[0] + HALF) >> 31, (segment.phase[1] + HALF) >> 31))
@@ -344,8 +344,7 @@ class Replay:
             r0=r0 * k,
             accel=accel * k,
             jerk=jerk * k,
-            # A single tick without a step only sets the accumulators: nothing moves.
-            kind=np.where((ticks == 1) & (counter[1:] == counter[:-1]).all(axis=1), WAIT, raw[:, 8]),
+            kind=np.where(_primes(ticks, rate, accel, jerk, counter), WAIT, raw[:, 8]),
             pen_down=tags[0],
             layer=tags[1],
             stroke=tags[2],
@@ -355,6 +354,12 @@ class Replay:
 
 def _truncated(value: Ints, divisor: int) -> Ints:
     return np.asarray(np.sign(value) * (np.abs(value) // divisor))
+
+
+def _primes(ticks: Ints, rate: Ints, accel: Ints, jerk: Ints, counter: Ints) -> NDArray[np.bool_]:
+    """Rows that only set the accumulators, as the encoder's head does: a single tick of half a step, without a step."""
+    flat = (rate == HALF).all(axis=1) & ~accel.any(axis=1) & ~jerk.any(axis=1)
+    return np.asarray((ticks == 1) & flat & (counter[1:] == counter[:-1]).all(axis=1))
 
 
 def _leaves_registers(r0: Ints, accel: Ints, jerk: Ints, ticks: Ints) -> NDArray[np.bool_]:

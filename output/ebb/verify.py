@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 # How far (mm) a chord may be off the curve between the points of a stroke.
 _CHORD_MM = 0.003
 _MOST_POINTS = 256
+# Steps that one motor would have taken while it waits for the other's last: old firmware's coarse rates make it a few.
+_WAITING_STEPS = 4.0
 # A row that ends slower than this ends at rest.
 _REST_MM_S = 0.01
 # How far (mm) the way may leave the machine's reach: rounding to steps.
@@ -177,10 +179,10 @@ class _Check:
 
     def _jumps(self, rows: Rows, start: Array, end: Array) -> Array:
         """Velocity jumps at the rows' starts; returns the speed that goes on over each border."""
-        # A motor that has taken its last step of an LM or SM waits for the other's: less than a step's time is no stop.
+        # A motor that has taken its last step of an LM or SM waits for the other's: a few steps' time is no stop.
         waits = np.concatenate(([False], (np.diff(rows.command) == 0) & (rows.dead[:-1] == 0)))
         lost = np.abs(start[1:] - end[:-1]) @ np.abs(self.to_steps)
-        waits[1:] &= (lost.max(axis=1) * rows.ticks[1:] * TICK_S) < 1.5
+        waits[1:] &= (lost.max(axis=1) * rows.ticks[1:] * TICK_S) < _WAITING_STEPS
         start, end = (
             np.where(waits[:, None], np.roll(end, 1, axis=0), start),
             np.where(waits[:, None], np.roll(end, 1, axis=0), end),

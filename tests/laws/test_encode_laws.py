@@ -117,7 +117,7 @@ def test_a_straight_line_never_steps_back_on_either_axis(angle: float, length: f
         assert (steps * direction >= 0).all()
 
 
-@QUICK
+@settings(QUICK, max_examples=4)
 @given(seed=st.integers(0, 10**6))
 def test_nothing_is_left_behind_over_many_pieces(seed: int) -> None:
     """The phase at the end is the plan's to a thousandth of a step, whatever the number of pieces: no drift."""

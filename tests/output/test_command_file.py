@@ -52,6 +52,9 @@ def test_an_error_names_its_line_value_and_bound() -> None:
     with pytest.raises(BadCommand, match=r"line 2: SM: axis 1 is 251 steps in 10 ms, allowed is 25 steps per ms"):
         list(lines)
     problems: list[str] = []
+    _, lines = read_command_file(io.StringIO("SM,1,51,0\n"), problems)
+    assert [line.item.wire() for line in lines] == ["SM,1,51,0"] and "25 steps per ms" in problems[0]  # type: ignore[union-attr]
+    problems = []
     _, lines = read_command_file(io.StringIO("hello\nSM,10,5,5\nT3,1\nSP,9\n"), problems)
     assert len(list(lines)) == 1 and [text.split(":")[0] for text in problems] == ["line 1", "line 3", "line 4"]
 
