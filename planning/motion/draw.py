@@ -51,7 +51,10 @@ def draw_motions(strokes: Sequence[Stroke], limits: Limits, kinematics: Kinemati
     out: list[Motion | None] = [None] * len(strokes)
     work: list[_Work] = []
     for i, stroke in enumerate(strokes):
-        simple = _simple(stroke, limits, kinematics)
+        try:
+            simple = _simple(stroke, limits, kinematics)
+        except ImpossiblePlan as error:
+            raise ImpossiblePlan(f"stroke {first_number + i}: {error}") from error
         if isinstance(simple, Motion):
             out[i] = simple
         else:

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.linalg import LinAlgError
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from planning.motion import banded, spline
@@ -89,7 +90,14 @@ def fit_sections(
     """
     if not sections:
         return []
-    return _Solver(sections, limits, kinematics, tuning or Tuning(knot_spacing_s(limits))).run()
+    chosen = tuning or Tuning(knot_spacing_s(limits))
+    try:
+        return _Solver(sections, limits, kinematics, chosen).run()
+    except LinAlgError:
+        # The weights of one stroke ran away: the others are solved without it.
+        if len(sections) == 1:
+            return [None]
+        return [fit for section in sections for fit in fit_sections([section], limits, kinematics, chosen)]
 
 
 @dataclass(eq=False, slots=True)
@@ -704,6 +712,7 @@ def _kept(rows: _Rows, keep: Mask) -> _Rows:
     anchors = banded.Anchors(moved[a.row[with_anchor]], a.basis[:, with_anchor], a.target[with_anchor], a.metric[with_anchor])
     return _Rows(
         [b for b, k in zip(rows.blocks, keep, strict=True) if k], small, rows.s[mask],
-        rows.path[mask], rows.target[mask], rows.tangent[mask], rows.room[mask], rows.weights[:, mask], anchors, rows.anchor_weight[with_anchor],
+        rows.path[mask], rows.target[mask], rows.tangent[mask], rows.room[mask], rows.weights[:, mask], anchors,
+        rows.anchor_weight[with_anchor],
         new_block[rows.anchor_block[with_anchor]], banded.Fixed(moved[rows.fixed.row[fixed]], rows.fixed.value[fixed]),
     )  # fmt: skip

@@ -26,7 +26,7 @@ SETS = [
     Limits(150, 2000, 400e3, 0.005),
     Limits(20, 2000, 100e3, 0.2),
 ]
-quick = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+quick = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 thorough = settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
