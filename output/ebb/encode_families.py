@@ -215,7 +215,14 @@ class Quadratic(Stepwise):
             old = self.firmware.old_arithmetic
             one, two = (
                 encode_quadratic.axis_piece(
-                    self.state.position[k], self.state.acc[k], lasts, x[i + 1, k], v[i, k], v[i + 1, k], old=old, final=final
+                    self.state.position[k],
+                    self.state.acc[k],
+                    lasts,
+                    x[i, k],
+                    x[i + 1, k],
+                    v[i + 1, k] - v[i, k],
+                    old=old,
+                    final=final,
                 )
                 for k in (0, 1)
             )

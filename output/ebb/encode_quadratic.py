@@ -55,13 +55,14 @@ def wait(ticks: int) -> Command | None:
 
 
 def axis_piece(
-    position: int, acc: int, ticks: int, target: float, v0: float, v1: float, *, old: bool, final: bool
+    position: int, acc: int, ticks: int, start: float, target: float, change: float, *, old: bool, final: bool
 ) -> AxisPiece:
-    """One axis from counter `position` and accumulator `acc` to `target` (2^-31 steps) in `ticks`, at rates v0 to v1.
+    """One axis from counter `position` and accumulator `acc` to `target` (2^-31 steps) in `ticks`, faster by `change`.
 
-    A `final` one ends on the rounded target's step for certain.
+    The plan has it at `start` now: the way from there is the piece's direction, whatever the rates at its ends are. A `final`
+    one ends on the rounded target's step for certain.
     """
-    sign = 1 if v0 + v1 > 0 else -1
+    sign = 1 if target > start else -1
     gain = _gain(sign, position, acc, target, old)
     if final:
         missing = int(np.rint(target / ONE_STEP)) - position
@@ -70,7 +71,7 @@ def axis_piece(
             gain = _gain(sign, position, acc, target, old)
     if gain <= 0:
         return STANDING
-    accel, first = _solve(ticks, gain, sign * (v1 - v0))
+    accel, first = _solve(ticks, gain, sign * change)
     total = first * ticks + accel * (ticks * (ticks + 1) // 2)
     from_here = acc if old or sign > 0 else ONE_STEP - 1 - acc
     return AxisPiece(sign, first + trunc_div(accel, 2), accel, (from_here + total) // ONE_STEP)

@@ -137,3 +137,20 @@ def test_motion_is_never_sped_up(version: str, family: str) -> None:
     planned = round(sum(a.motion.total_s for a in actions if hasattr(a, "motion")) / 40e-6)
     _, _, ticks = run(actions, setup_for(version, family))
     assert planned - 25 * 5 <= ticks <= planned * 1.2
+
+
+@pytest.mark.parametrize(("version", "family", "within"), [("2.8.1", "lt", 2.6), ("3.0.3", "lt", 2.6), ("2.6.0", "sm", 4.0)])
+@settings(QUICK, max_examples=4)
+@given(seed=st.integers(0, 10**6))
+def test_where_pieces_meet_older_families_are_close_to_the_plan(version: str, family: str, within: float, seed: int) -> None:
+    """Worst fit (1.5 steps for parabolas, 3 for lines), rounding, and the fraction that old accumulators mirror at a turn."""
+    motion = wandering(seed, 60, 300, step_mm=0.6)
+    setup = setup_for(version, family)
+    execute = arithmetic_old.execute if setup.firmware.old_arithmetic else arithmetic.execute
+    curve = COREXY.steps(motion.sample(np.linspace(0, motion.total_s, 20000))[0])
+    acc = ONE_STEP // 2
+    state = State((0, 0), (acc, acc) if family == "lt" else (0, 0))
+    for item in encode([Draw(motion, 0)], setup):
+        if isinstance(item, Command):
+            state = execute(item, state).state
+            assert np.abs(curve - state.position).max(axis=1).min() <= within, item
