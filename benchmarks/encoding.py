@@ -42,7 +42,7 @@ def run() -> None:
         took, cpu = time.perf_counter() - started, time.process_time() - started_cpu
         peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(
-            f"encoding and verifying {len(motion)} pieces, {text}: {report.commands} commands, {took:.1f} s ({cpu:.1f} s of CPU), "
+            f"{len(motion)} pieces encoded and checked, {text}: {report.commands} commands, {took:.1f} s ({cpu:.1f} s of CPU), "
             f"peak {peak_mb:.0f} MB, {report.duration_s:.0f} s of plotting"
         )
 
