@@ -223,6 +223,10 @@ def _placed(group: list[Points], columns: int, dx: float, dy: float, count: int)
     return [p + np.array([dx * (k % columns), dy * (k // columns)]) for k in range(count) for p in group]
 
 
+def _words(count: int, rng: np.random.Generator) -> list[Points]:
+    return [cursive(2.0, s, int(rng.integers(3, 9))) + np.array([30.0 * (s % 6), 6.0 * (s // 6)]) for s in range(count)]
+
+
 def drawings() -> dict[str, list[Points]]:
     """Ten and more drawings, from hatching to one stroke of 100,000 vertices."""
     rng = np.random.default_rng(11)
@@ -453,9 +457,10 @@ def stroke_table(name: str, limits: Limits, details: bool) -> None:
             total[key] += value
         if details:
             b = times["bound"]
-            print(f"| {label} | {ours:.3f} | {b:.3f} | {ours / b:.2f} | {times['trapezoid'] / b:.2f} | {times['ruckig'] / b:.2f} "
-                  f"| {times['stops'] / b:.2f} | {quality.off_path:.2f} | {quality.left_out:.2f} | {quality.speed:.3f} "
-                  f"| {quality.acceleration:.3f} | {quality.jerk:.3f} | {1e3 * ours / count:.1f} | {100 * spent / ours:.1f} |")  # fmt: skip
+            print(f"| {label} | {ours:.3f} | {b:.3f} | {ours / b:.2f} | {times['trapezoid'] / b:.2f} "
+                  f"| {times['ruckig'] / b:.2f} | {times['stops'] / b:.2f} | {quality.off_path:.2f} | {quality.left_out:.2f} "
+                  f"| {quality.speed:.3f} | {quality.acceleration:.3f} | {quality.jerk:.3f} "
+                  f"| {1e3 * ours / count:.1f} | {100 * spent / ours:.1f} |")  # fmt: skip
     if details:
         print("\n| limits | ours s | bound | trapezoid | ruckig | stops | ours/bound | ours/trapezoid | ours/stops "
               "| ours/ruckig | off | left out | v | a | j | jump mm/s | ms/piece | CPU % |\n" + "|---" * 18 + "|")  # fmt: skip
@@ -471,7 +476,8 @@ def drawing_table(limits: Limits) -> None:
     """Whole drawings through the planner's door, travel included: CPU against the motion's time, first stroke, pieces."""
     settings = MotionSettings(limits, TRAVEL, KINEMATICS, PenTiming(0.1, 0.1, 0.02), PAGE)
     print(
-        "\n| drawing | strokes | vertices | draw s | travel s | ours/bound | trapezoid/bound | ms/piece | first stroke ms | CPU s | CPU % |"
+        "\n| drawing | strokes | vertices | draw s | travel s | ours/bound | trapezoid/bound | ms/piece "
+        "| first stroke ms | CPU s | CPU % |"
     )
     print("|---" * 11 + "|")
     for label, group in drawings().items():
