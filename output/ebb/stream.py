@@ -209,6 +209,9 @@ class Streamer:
                 return False
             self.model.expect_idle()
             return True
+        if _may_lower(command) and self._talk.pending:
+            # Were the travel before it lost (a restart, a refusal), a pen-down already on the wire would leave a dot there.
+            return False
         if not command.queued:
             return True
         if command.fifo_entries > self.model.depth:
