@@ -85,7 +85,8 @@ def signals_stop(flag: StopFlag) -> Iterator[None]:
         yield
     finally:
         for number, old in before.items():
-            signal.signal(number, signal.SIG_DFL if old is None else old)
+            if signal.getsignal(number) is handler:  # else `ignore_signals` has said that the program is ending
+                signal.signal(number, signal.SIG_DFL if old is None else old)
 
 
 def ignore_signals() -> None:
