@@ -12,7 +12,7 @@ from typing import Any
 import click
 import numpy as np
 
-from output.ebb.control import StopFlag
+from output.ebb.control import StopFlag, ignore_signals
 from output.ebb.journal import Journal
 from output.ebb.ports import choose_port
 from output.ebb.program import Program
@@ -114,6 +114,8 @@ def streamed(board: Board, items: Program, guess_s: list[float], journal: Journa
     stop, started = StopFlag(), time.monotonic()
     with progress_bar(guess_s) as bar, keys(stop):
         result = board.stream(items, on_progress=bar.show, stop=stop, journal=journal)
+    if result.outcome != "done":
+        ignore_signals()  # the pen is up; a late Ctrl-C would only take the message and the exit code away
     if journal is not None:
         journal.end(result.outcome, result.steps)
     return result, time.monotonic() - started
