@@ -27,6 +27,18 @@ class Placement:
         """Machine millimetres (n, 2) back to page millimetres."""
         return np.asarray(np.linalg.solve(self.matrix, (points_mm - self.offset).T).T)
 
+    def written(self) -> str:
+        """Six numbers: the matrix by rows, then the offset in mm."""
+        return " ".join(f"{value:.12g}" for value in (*self.matrix.ravel(), *self.offset))
+
+    @classmethod
+    def parse(cls, text: str) -> Placement:
+        """What `written` wrote. Raises ValueError for anything else, or a matrix that cannot be inverted."""
+        values = np.array([float(word) for word in text.split()])
+        if values.shape != (6,) or not np.isfinite(values).all() or abs(np.linalg.det(values[:4].reshape(2, 2))) < 1e-12:
+            raise ValueError(f"placement '{text}' is not the six numbers of an invertible map")
+        return cls(values[:4].reshape(2, 2), values[4:])
+
     @property
     def is_identity(self) -> bool:
         return bool(np.array_equal(self.matrix, np.eye(2)) and not self.offset.any())

@@ -42,6 +42,8 @@ def export(file: str, output: str, **options: Any) -> None:
         "machine": job.machine.name,
         "firmware": job.settings.firmware,
         "drawing": f"{job.name} sha256 {job.digest}",
+        "page_mm": f"{job.drawing.width_mm:.12g} {job.drawing.height_mm:.12g}",
+        "placement": job.arranged.placement.written(),
         "settings": _in_force(resolved),
         "duration_s": f"{times.duration_s:.2f}",
         "strokes": tally.total.strokes,

@@ -13,11 +13,10 @@ from output.ebb.command_file import read_command_file
 from output.ebb.firmware import firmware
 from output.ebb.verify import Report, verify
 from output.ebb.verify_compare import Comparison, compare
-from plotter.arrange import arrange
+from plotter.arrange import Placement
 from plotter.cli.reading import collect_reading, read_file, reading_options
 from plotter.errors import BadInput
 from plotter.machines.profile import Machine, load_machine
-from plotter.settings import resolve
 from plotter.svg.options import ReadOptions
 from plotter.units import spoken_duration
 
@@ -65,11 +64,11 @@ def verify_file(
     if not report.commands:
         raise BadInput(f"{file} holds no board commands" + (f": {faults[0]}" if faults else "; give a file that export wrote"))
     if strokes_file is not None:
-        _write_strokes(strokes_file, report, machine.width_mm, machine.height_mm)
+        _write_strokes(strokes_file, report, header, machine)
     values = {"file": file, "machine": machine.name, **report.as_dict()}
     text = _said(file, report)
     if against is not None:
-        comparison = _compared(report, against, header, machine, collect_reading(options))
+        comparison = _compared(report, against, _placement(header), collect_reading(options))
         values["against"] = {"drawing": against, **comparison.as_dict()}
         text += "\n" + _comparison_said(against, comparison)
     click.echo(json.dumps(_rounded(values), indent=2) if as_json else text)
@@ -77,15 +76,20 @@ def verify_file(
         raise BadInput(f"{file} should not be sent: {report.problems[0]}" + _more(report.problems))
 
 
-def _compared(report: Report, drawing: str, header: dict[str, str], machine: Machine, reading: ReadOptions) -> Comparison:
-    """Ink against the drawing, placed on the machine as the file's head says that it was."""
-    words = (word.partition("=") for word in header.get("settings", "").split())
-    placing = {"rotate", "fit", "scale", "margin", "offset_x", "offset_y"}
-    settings = resolve({key: value for key, _, value in words if key in placing} | {"machine": machine.name}).values
-    wanted = arrange(read_file(drawing, reading), settings, machine).layers
-    if not report.strokes:
-        raise BadInput("the command file draws nothing that could be compared; leave out --against")
-    return compare(report.strokes, [stroke.points_mm for layer in wanted for stroke in layer.strokes])
+def _compared(report: Report, drawing: str, placement: Placement, reading: ReadOptions) -> Comparison:
+    """Ink against the drawing, both on the machine."""
+    wanted = [stroke.points_mm for layer in read_file(drawing, reading).layers for stroke in layer.strokes]
+    if not report.strokes or not wanted:
+        raise BadInput("there is nothing to compare: the command file or the drawing has no strokes; leave out --against")
+    return compare(report.strokes, [placement.apply(points) for points in wanted])
+
+
+def _placement(header: dict[str, str]) -> Placement:
+    """Where the file's head says that the page lies on the machine: at home, unturned, when it says nothing."""
+    try:
+        return Placement.parse(header.get("placement", "1 0 0 1 0 0"))
+    except ValueError as error:
+        raise BadInput(f"the command file's head is damaged: {error}; export the drawing again") from None
 
 
 def _comparison_said(drawing: str, comparison: Comparison) -> str:
@@ -99,9 +103,11 @@ def _more(problems: list[str]) -> str:
     return f" (and {len(problems) - 1} more problems)" if len(problems) > 1 else ""
 
 
-def _write_strokes(path: Path, report: Report, width_mm: float, height_mm: float) -> None:
-    """In the form that `plotter strokes` has, so that the two can be compared."""
-    polylines = [np.round(stroke, 5).tolist() for stroke in report.strokes]
+def _write_strokes(path: Path, report: Report, header: dict[str, str], machine: Machine) -> None:
+    """Page millimetres, in the form that `plotter strokes` has, so that the two can be compared."""
+    placement = _placement(header)
+    polylines = [np.round(placement.back(stroke), 5).tolist() for stroke in report.strokes]
+    width_mm, height_mm = (float(word) for word in header.get("page_mm", f"{machine.width_mm} {machine.height_mm}").split())
     try:
         path.write_text(json.dumps({"width_mm": width_mm, "height_mm": height_mm, "polylines": polylines}), encoding="utf-8")
     except OSError as error:

@@ -1,0 +1,95 @@
+"""Export, verify and send: the file stands for the plot, wherever the page was put."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from output.ebb.verify_compare import compare
+from plotter.cli.main import run
+from plotter.svg.read import read_drawing
+
+PORTRAIT = """<svg xmlns="http://www.w3.org/2000/svg" width="210mm" height="297mm" viewBox="0 0 210 297" stroke="red">
+  <path d="M20 20C60 0 120 80 180 40L150 250L30 270z"/><circle cx="100" cy="150" r="30"/></svg>"""
+KEYS = {
+    "duration_s", "pen_down_mm", "pen_lifts", "max_speed_mm_s", "max_acceleration_mm_s2", "max_jerk_mm_s3",
+    "final_position_mm", "final_steps", "bounds_mm", "predicted_underruns", "problems",
+}  # fmt: skip
+PREVIEW_KEYS = {
+    "duration_s", "pen_down_s", "pen_up_s", "pen_lift_s", "pen_down_mm", "pen_up_mm", "pen_lifts", "strokes", "layers",
+    "bounds_mm", "commands",
+}  # fmt: skip
+
+
+@pytest.fixture
+def drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    file = tmp_path / "portrait.svg"
+    file.write_text(PORTRAIT)
+    return file
+
+
+@pytest.mark.parametrize(
+    "flags", [[], ["--fit", "--margin", "20mm"], ["--rotate", "270", "--scale", "0.5", "--offset-x", "1cm"]]
+)
+def test_the_replayed_file_is_the_drawing_in_page_millimetres(
+    flags: list[str], drawing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    commands, strokes = tmp_path / "out.ebb", tmp_path / "strokes.json"
+    assert run(["export", str(drawing), "-o", str(commands), *flags]) == 0
+    capsys.readouterr()
+    assert run(["verify", str(commands), "--json", "--strokes", str(strokes), "--against", str(drawing)]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report.keys() >= KEYS
+    assert report["problems"] == []
+    assert report["final_steps"] == [0, 0]
+    assert report["against"]["drawn"]["max_mm"] <= 0.04
+    written = json.loads(strokes.read_text())
+    assert (written["width_mm"], written["height_mm"]) == (210, 297)
+    wanted = [stroke.points_mm for layer in read_drawing(drawing).layers for stroke in layer.strokes]
+    deviation = compare([np.array(line) for line in written["polylines"]], wanted)
+    assert max(deviation.drawn.max_mm, deviation.wanted.max_mm) <= 0.08
+
+
+def test_preview_and_verify_agree(drawing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    commands = tmp_path / "out.ebb"
+    assert run(["preview", str(drawing), "--json"]) == 0
+    promised = json.loads(capsys.readouterr().out)
+    assert promised.keys() >= PREVIEW_KEYS
+    assert run(["export", str(drawing), "-o", str(commands)]) == 0
+    capsys.readouterr()
+    assert run(["verify", str(commands), "--json"]) == 0
+    replayed = json.loads(capsys.readouterr().out)
+    for key in ("duration_s", "pen_down_s", "pen_up_s", "pen_lift_s"):
+        assert replayed[key] == pytest.approx(promised[key], abs=1e-3)
+    assert replayed["pen_down_mm"] == pytest.approx(promised["pen_down_mm"], rel=2e-3)
+    assert replayed["commands"] == promised["commands"]
+    parts = promised["pen_down_s"] + promised["pen_up_s"] + promised["pen_lift_s"]
+    assert promised["duration_s"] == pytest.approx(parts, abs=1e-3)
+
+
+def test_a_command_file_is_sent(drawing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    commands = tmp_path / "out.ebb"
+    assert run(["export", str(drawing), "-o", str(commands)]) == 0
+    assert run(["send", str(commands), "--port", "sim", "--speed", "50"]) == 0
+    assert "sent" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("line", "part"),
+    [("SM,0,10,10", "SM"), ("T3,50,2147483000,100000000,0,0,0,0", "25"), ("LM,0,-1,0,0,0,0", "LM"), ("ZZ,1", "ZZ")],
+)
+def test_a_file_that_should_not_be_sent(
+    line: str, part: str, drawing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    commands = tmp_path / "out.ebb"
+    assert run(["export", str(drawing), "-o", str(commands)]) == 0
+    lines = commands.read_text().splitlines()
+    commands.write_text("\n".join([*lines[:20], line, *lines[20:]]) + "\n")
+    capsys.readouterr()
+    assert run(["verify", str(commands)]) == 2
+    assert part in capsys.readouterr().err
+    assert run(["send", str(commands), "--port", "sim", "--speed", "50"]) == 2
