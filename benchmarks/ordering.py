@@ -170,7 +170,7 @@ def measure(name: str, strokes: list[Stroke], known_mm: float | None = None) -> 
     if FULL or len(strokes) <= MOST_FOR_TWO_OPT:
         two_opt = with_vpype(strokes, merge + " linesort --two-opt")
         rows.append(two_opt)
-        rows.append(timed("half", lambda: ours(strokes, "best", max(0.0, 0.8 * (two_opt.seconds / 2 - rows[1].seconds)))))
+        rows.append(timed("half", lambda: ours(strokes, "best", max(0.0, 0.6 * (two_opt.seconds / 2 - rows[1].seconds)))))
     rows.append(timed("best", lambda: ours(strokes, "best")))
     print(
         f"\n{name}: {len(strokes)} strokes, {sum(len(s.points_mm) for s in strokes)} points; no tour is below {bound:.0f} mm",

@@ -24,6 +24,8 @@ LONGEST_ENTRY_MM = 5.0
 MOST_PIECES = 500_000
 # Vertices looked up at a time: bounds the memory.
 QUERY = 50_000
+# Segments of one vertex this far apart in direction (radians) are too short for their overlap to matter.
+WIDEST_ANGLE = 0.1
 
 Interval = tuple[float, float]
 Ints = NDArray[np.int64]
@@ -123,25 +125,65 @@ def _uncovered(segments: _Segments, gone: dict[int, list[Interval]]) -> dict[int
 
 
 def _overlapping(segments: _Segments, present: Ints) -> tuple[Ints, Ints]:
-    """Pairs (later, earlier) of segments with a common stretch, by rising later. One of such two always ends on the other."""
+    """Pairs (later, earlier) of segments with a common stretch, by rising later. One of two such always ends on the other."""
     a, b = segments.a[present], segments.b[present]
-    tree, owner = _index(a, b)
-    # Each vertex is asked for once: for the segment that begins there and, where one ends in the same vertex, for that one too.
-    chained = np.append((b[:-1] == a[1:]).all(axis=1), False)
-    vertex_mm = np.concatenate((a, b[~chained]))
-    begins = np.concatenate((np.arange(len(a)), np.flatnonzero(~chained)))
+    _, vertex = np.unique(np.concatenate((a, b)) @ [1, 1j], return_inverse=True)
+    vertex = vertex.ravel()
+    pairs = np.concatenate((_from_one_vertex(a, b, vertex), _on_vertices(a, b, vertex)))
+    pairs = np.sort(pairs, axis=1)
+    pairs = pairs[_have_common(a, b, pairs[:, 1], pairs[:, 0])]
+    later, earlier = np.divmod(np.unique(pairs[:, 1] * len(a) + pairs[:, 0]), len(a))
+    return present[later], present[earlier]
+
+
+def _from_one_vertex(a: Array, b: Array, vertex: Ints) -> Ints:
+    """Pairs (k, 2) of segments that leave one vertex in about one direction. `vertex` (2 n,) numbers the ends, a's before b's.
+
+    Sorted by angle such segments stand together, so that a star is not searched pair by pair.
+    """
+    count = len(a)
+    span = np.concatenate((b - a, a - b))
+    angle = np.arctan2(span[:, 1], span[:, 0])
+    wrapped = np.flatnonzero(angle < WIDEST_ANGLE - np.pi)  # these come after those just under pi as well
+    segment = np.concatenate((np.arange(count), np.arange(count), wrapped % count))
+    at = np.concatenate((vertex, vertex[wrapped]))
+    angle = np.concatenate((angle, angle[wrapped] + 2 * np.pi))
+    reach = np.minimum(4 * SAME_LINE_MM / np.hypot(span[:, 0], span[:, 1]), WIDEST_ANGLE)
+    reach = np.concatenate((reach, reach[wrapped]))
+    order = np.lexsort((angle, at))
+    segment, at, angle, reach = segment[order], at[order], angle[order], reach[order]
     found = [np.zeros((0, 2), dtype=np.int64)]
-    for low in range(0, len(vertex_mm), QUERY):
-        asked = shapely.points(vertex_mm[low : low + QUERY])
-        of, on = tree.query(asked, predicate="dwithin", distance=SAME_LINE_MM)
-        at, on = begins[low + of], owner[on]
-        also = (low + of < len(a)) & (at > 0) & chained[at - 1]
-        pairs = np.stack((np.concatenate((at, at[also] - 1)), np.concatenate((on, on[also]))), axis=1)
-        pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
-        found.append(pairs[_have_common(a, b, pairs[:, 1], pairs[:, 0])])
-    pairs = np.unique(np.concatenate(found), axis=0)
-    pairs = pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))]
-    return present[pairs[:, 1]], present[pairs[:, 0]]
+    for step in (1, -1):  # each looks as far as its own reach, both ways
+        here, there = np.arange(len(order)), np.arange(len(order))
+        while len(here):
+            there = there + step
+            inside = (there >= 0) & (there < len(order))
+            here, there = here[inside], there[inside]
+            near = (at[here] == at[there]) & (np.abs(angle[there] - angle[here]) <= reach[here])
+            here, there = here[near], there[near]
+            other = segment[here] != segment[there]
+            found.append(np.stack((segment[here[other]], segment[there[other]]), axis=1))
+    return np.concatenate(found)
+
+
+def _on_vertices(a: Array, b: Array, vertex: Ints) -> Ints:
+    """Pairs (k, 2) of segments of which one ends on the other, but not in its end."""
+    count = len(a)
+    tree, owner = _index(a, b)
+    by_vertex = np.argsort(vertex, kind="stable")
+    starts = np.searchsorted(vertex[by_vertex], np.arange(vertex.max() + 2))
+    points = np.concatenate((a, b))[by_vertex[starts[:-1]]]
+    found = [np.zeros((0, 2), dtype=np.int64)]
+    for low in range(0, len(points), QUERY):
+        of, on = tree.query(shapely.points(points[low : low + QUERY]), predicate="dwithin", distance=SAME_LINE_MM)
+        at, segment = low + of, owner[on]
+        inside = (vertex[segment] != at) & (vertex[segment + count] != at)
+        at, segment = at[inside], segment[inside]
+        degree = starts[at + 1] - starts[at]
+        nth = np.arange(int(degree.sum())) - np.repeat(np.cumsum(degree) - degree, degree)
+        ending = by_vertex[np.repeat(starts[at], degree) + nth] % count
+        found.append(np.stack((ending, np.repeat(segment, degree)), axis=1))
+    return np.concatenate(found)
 
 
 def _index(a: Array, b: Array) -> tuple[shapely.STRtree, Ints]:

@@ -22,6 +22,8 @@ from planning.ordering.metric import Array, Metric
 Nodes = NDArray[np.int64]
 
 NEIGHBOURS = 8
+# So many of the nodes at one point are put into a spatial index.
+AT_ONE_POINT = 6
 
 
 def greedy_route(points_mm: Array, metric: Metric, free_end: bool) -> Nodes:
@@ -52,15 +54,32 @@ def greedy_route(points_mm: Array, metric: Metric, free_end: bool) -> Nodes:
 
 def _candidates(points_mm: Array, free: Nodes, tail: Nodes, metric: Metric) -> Iterable[tuple[int, int]]:
     """Pairs of free nodes that are near each other and end different paths, cheapest first."""
-    near = min(NEIGHBOURS + 1, len(free))
-    _, index = cKDTree(points_mm[free]).query(points_mm[free], near)
-    u = np.repeat(free, near)
-    v = free[np.asarray(index).ravel()]
-    keep = (u != v) & (tail[u] != v)
-    u, v = u[keep], v[keep]
-    u, v = np.divmod(np.unique(np.minimum(u, v) * len(points_mm) + np.maximum(u, v)), len(points_mm))
-    order = np.argsort(metric(points_mm[u], points_mm[v]), kind="stable")
-    return zip(u[order].tolist(), v[order].tolist(), strict=True)
+    order, rank = coincident(points_mm[free])
+    some = np.sort(order[rank < AT_ONE_POINT])
+    near = min(NEIGHBOURS + 1, len(some))
+    index = np.asarray(cKDTree(points_mm[free[some]]).query(points_mm[free[some]], near)[1])
+    u, v = [np.repeat(free[some], near)], [free[some][index.ravel()]]
+    for apart in (1, 2):  # the rest of a crowd at one point stand next to each other in `order`
+        crowd = np.flatnonzero(rank[apart:] >= np.maximum(AT_ONE_POINT, apart))
+        u.append(free[order[crowd]])
+        v.append(free[order[crowd + apart]])
+    first, second = np.concatenate(u), np.concatenate(v)
+    keep = (first != second) & (tail[first] != second)
+    low, high = np.minimum(first, second)[keep], np.maximum(first, second)[keep]
+    low, high = np.divmod(np.unique(low * len(points_mm) + high), len(points_mm))
+    best = np.argsort(metric(points_mm[low], points_mm[high]), kind="stable")
+    return zip(low[best].tolist(), high[best].tolist(), strict=True)
+
+
+def coincident(points_mm: Array) -> tuple[Nodes, Nodes]:
+    """An order (n,) in which equal points stand together, by rising number, and each one's rank (n,) among its equals, from 0.
+
+    A spatial index degenerates when many points are equal, and their nearest would all be the same few.
+    """
+    order = np.lexsort((points_mm[:, 1], points_mm[:, 0]))
+    new = np.append(True, (np.diff(points_mm[order], axis=0) != 0).any(axis=1))
+    starts = np.flatnonzero(new)
+    return order, np.arange(len(order)) - np.repeat(starts, np.diff(np.append(starts, len(order))))
 
 
 def _follow(link: list[int]) -> Nodes:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from planning.ordering.greedy import Nodes
+from planning.ordering.greedy import AT_ONE_POINT, Nodes, coincident
 from planning.ordering.metric import Array, Metric
 from planning.ordering.tour import Pair, Tour
 
@@ -51,9 +51,11 @@ class Costs:
 
 def near_nodes(points_mm: Array, count: int, free_end: bool) -> Nodes:
     """For each node its nearest nodes of other items, (2 m, count), nearest first."""
-    nodes = np.arange(1 if free_end else 0, len(points_mm))
+    first = 1 if free_end else 0
+    order, rank = coincident(points_mm[first:])
+    nodes = np.sort(order[rank < AT_ONE_POINT]) + first
     count = min(count, len(nodes) - 2)
-    index = nodes[np.asarray(cKDTree(points_mm[nodes]).query(points_mm, count + 2)[1])]
+    index = nodes[np.asarray(cKDTree(points_mm[nodes]).query(points_mm, count + 2)[1]).reshape(len(points_mm), -1)]
     own = (index >> 1) == (np.arange(len(points_mm)) >> 1)[:, None]
     return np.take_along_axis(index, np.argsort(own, axis=1, kind="stable")[:, :count], axis=1)
 

@@ -260,3 +260,29 @@ def test_a_late_clock_ends_the_work_and_leaves_a_whole_order() -> None:
     late = order_layers([layer(*dots)], OrderOptions(), HOME, clock=lambda: float(next(ticks)))[0].strokes
     assert sorted(points(list(late))) == sorted(points(dots))
     assert travel(late, HOME) <= travel(dots, HOME)
+
+
+def test_crowds_at_one_point_are_not_searched_pair_by_pair() -> None:
+    """Thousands of equal dots, of equal lines and of spokes: each took minutes when every pair was looked at."""
+    same = [line((5, 5))] * 4000
+    assert travel(ordered(same, order="greedy", keep_duplicates=True), HOME) == pytest.approx(np.hypot(5, 5))
+    assert len(ordered([line((5, 5), (9, 9))] * 4000)) == 1
+    spokes = [line((0, 0), (100 * np.cos(k / 500), 100 * np.sin(k / 500))) for k in range(3141)]
+    assert len(ordered(spokes, order="greedy")) == 1571
+
+
+def test_a_short_retrace_is_not_worth_a_lift_and_a_long_one_is() -> None:
+    first = line((0, 0), (10, 0))
+    assert len(draw_once([first, line((4, 3), (4, 0), (4.4, 0), (4.4, 3))])) == 2
+    assert len(draw_once([first, line((4, 3), (4, 0), (4.6, 0), (4.6, 3))])) == 3
+
+
+@pytest.mark.long
+def test_a_million_segments_pass() -> None:
+    rng = np.random.default_rng(0)
+    begin = rng.random((20_000, 1, 2)) * 800
+    walks = np.concatenate((begin, begin + np.cumsum(rng.normal(size=(20_000, 50, 2)) * 0.5, axis=1)), axis=1)
+    strokes = [Stroke(points) for points in walks]
+    result = ordered(strokes, order="greedy", keep_duplicates=True)
+    assert sum(len(s.points_mm) for s in result) >= 20_000 * 51 - (20_000 - len(result))
+    assert travel(result, HOME) < 0.01 * travel(strokes, HOME)
