@@ -90,6 +90,9 @@ def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | Non
         result, took_s = streamed(board, program(tally.watch(actions), setup), guesses_s(job), journal)
     finish(result, f"{job.name} on {board.port_name}, firmware {board.firmware}")
     click.echo(_summary(job, tally.total, result, took_s))
+    if result.progress.stalls and board_speed <= 1:
+        stalls, stalled_s = result.progress.stalls, result.progress.stalled_s
+        click.echo(f"the board waited {stalls} times for the computer, {stalled_s:.2f} s in all")
 
 
 @contextmanager
@@ -146,13 +149,10 @@ def finish(result: StreamResult, where: str) -> None:
 
 
 def _summary(job: Job, total: Tally, result: StreamResult, took_s: float) -> str:
-    text = (
+    return (
         f"plotted {job.name}: {total.strokes} strokes, {total.pen_down_mm / 1000:.3f} m pen down, {total.pen_lifts} pen lifts"
         f" in {spoken_duration(result.progress.board_time_s)} of board time ({spoken_duration(took_s)} by the clock)"
     )
-    if result.progress.stalls:
-        text += f"\nthe board waited {result.progress.stalls} times for the computer, {result.progress.stalled_s:.2f} s in all"
-    return text
 
 
 def _keep_picture(virtual: VirtualBoard, picture: Path | None, job: Job) -> None:
