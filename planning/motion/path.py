@@ -93,8 +93,10 @@ def thinned(points_mm: Array, within_mm: float) -> Ints:
     stretch keeps all vertices that are further than `within_mm` apart. In slices, so that the cost stays linear.
     """
     n = len(points_mm)
+    if n < 3:
+        return np.arange(n)
     parts = []
-    for start in range(0, max(1, n - 1), THINNING_SLICE):
+    for start in range(0, n - 1, THINNING_SLICE):
         index = np.arange(start, min(n, start + THINNING_SLICE + 1))
         # The index rides along as the third coordinate, which Douglas-Peucker does not look at.
         line = shapely.linestrings(np.column_stack((points_mm[index], index)))

@@ -32,7 +32,7 @@ def assert_continuous(motion: Motion, from_rest: bool = True) -> None:
 
 
 def samples(motion: Motion, step_s: float = 0.0005) -> tuple[Points, Points, Points, Points]:
-    count = max(200, int(motion.total_s / step_s))
+    count = max(200, int(np.ceil(motion.total_s / step_s)) + 1)
     return motion.sample(np.linspace(0.0, motion.total_s, count))
 
 
@@ -50,7 +50,7 @@ def farthest(at: Points, line: Points) -> float:
     start, chord = line[:-1], np.diff(line, axis=0)
     square = np.maximum((chord**2).sum(axis=1), 1e-300)
     worst = 0.0
-    for some in np.array_split(at, max(1, len(at) * len(chord) // 2_000_000)):
+    for some in np.array_split(at, min(len(at), max(1, len(at) * len(chord) // 2_000_000))):
         offset = some[:, None] - start
         share = np.clip((offset * chord).sum(axis=2) / square, 0.0, 1.0)
         rest = offset - share[..., None] * chord
@@ -65,11 +65,12 @@ def assert_draws(motion: Motion, points: Points, limits: Limits) -> None:
     if not len(motion):
         assert farthest(points, points[-1:]) <= limits.tolerance_mm
         return
-    q = samples(motion)[0]
+    q = samples(motion, max(0.0005, motion.total_s / 50_000))[0]
     assert farthest(q, points) <= limits.tolerance_mm
-    fine = samples(motion, 0.0002)[0]
+    step_s = max(0.0002, motion.total_s / 100_000)
+    fine = samples(motion, step_s)[0]
     # Chords of the samples cut bends by |a| dt^2 / 8.
-    assert farthest(points, fine) <= limits.tolerance_mm + limits.acceleration_mm_s2 * 0.0002**2 / 8.0 + 1e-9
+    assert farthest(points, fine) <= limits.tolerance_mm + limits.acceleration_mm_s2 * step_s**2 / 8.0 + 1e-9
     assert in_order(points, motion, limits)
 
 

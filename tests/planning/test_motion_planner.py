@@ -111,6 +111,13 @@ def test_constant_speed_draws_a_stroke_more_evenly() -> None:
     assert spread[True] < 1.2
 
 
+def test_constant_speed_takes_dots_and_lines_too() -> None:
+    shapes = (stroke((5, 5)), stroke((5, 5), (5, 5)), stroke((5, 5), (50, 5)), SQUARE)
+    actions = plan([Layer(1, "", shapes)], settings(constant_speed=True), np.zeros(2), None)
+    motions = [a.motion for a in actions if isinstance(a, Draw)]
+    assert [len(m) > 0 for m in motions] == [False, False, True, True]
+
+
 def test_a_slow_motor_bounds_the_speed_in_its_own_direction() -> None:
     slow = Kinematics(np.array([[80.0, 80.0], [80.0, -80.0]]), 8000.0)
     fast_line, slow_line = stroke((10, 10), (200, 10)), stroke((10, 10), (150, 150))
