@@ -13,6 +13,7 @@ from planning.ordering.cutting import cut, interleaved
 from planning.ordering.duplicates import draw_once
 from planning.ordering.improve import Stop, never
 from planning.ordering.joining import join_in_turn, join_strokes
+from planning.ordering.meeting import begin_where_met
 from planning.ordering.metric import Array, Metric, euclidean
 from planning.ordering.route import Route, Work
 from planning.ordering.seams import Choices, Seams, overdraw, places, start_at
@@ -140,7 +141,8 @@ def _order_group(
         if options.seams == "random":
             ordered = [start_at(stroke, int(places(stroke, "random", rng)[0])) for stroke in ordered]
     else:
-        joined = join_strokes(once, options.join_tolerance_mm)
+        movable = begin_where_met(once, options.join_tolerance_mm) if options.seams in ("hidden", "free") else once
+        joined = join_strokes(movable, options.join_tolerance_mm)
         route = Route(joined, Choices(joined, options.seams, rng), start_mm, end_mm, metric)
         route.find(work)
         as_in_file = join_in_turn(once, options.join_tolerance_mm)

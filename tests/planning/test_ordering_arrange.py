@@ -85,6 +85,13 @@ def test_two_rings_that_share_a_junction_are_one_stroke() -> None:
     assert joined[0].is_closed
 
 
+def test_a_ring_and_the_stick_that_ends_on_it_are_one_stroke() -> None:
+    ring = circle(0, 0, 5)
+    stick = Stroke(np.array([[0.0, 20.0], [0.0, 5.05]]), np.ones(2, bool))
+    assert len(ordered([ring, stick])) == 1
+    assert len(ordered([ring, stick], seams="same")) == 2, "the file's seam is elsewhere"
+
+
 def test_a_crossing_is_drawn_straight_through() -> None:
     arms = [line((0, 0), (1, 0)), line((0, 0), (0, 1)), line((0, 0), (-1, 0)), line((0, 0), (0, -1))]
     joined = join_strokes(arms, 0.1)
