@@ -129,8 +129,8 @@ def test_travel_keeps_each_motors_limits(
         assert (np.abs(q) <= 300.0 + 1e-6).all()
 
 
-@settings(max_examples=15, deadline=None)
-@given(st.lists(strokes(), min_size=0, max_size=8), st.booleans())
+@settings(max_examples=10, deadline=None)
+@given(st.lists(strokes(), min_size=0, max_size=4), st.booleans())
 def test_each_motion_starts_where_the_one_before_ended(points: list[NDArray[np.float64]], constant: bool) -> None:
     wide = ((-2000.0, -2000.0), (2000.0, 2000.0))
     settings_ = MotionSettings(
