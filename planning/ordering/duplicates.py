@@ -56,8 +56,10 @@ def draw_once(strokes: Sequence[Stroke]) -> list[Stroke]:
     segments = _segments(strokes, kept)
     if len(segments.a) == 0:
         return [strokes[k] for k in kept]
-    left = _first_of_equals(segments)
-    left.update(_uncovered(segments, left))
+    # Equal points have one number: the ends of the segments, first all a's and then all b's.
+    vertex = np.unique(np.concatenate((segments.a, segments.b)) @ [1, 1j], return_inverse=True)[1].ravel()
+    left = _first_of_equals(vertex)
+    left.update(_uncovered(segments, vertex, left))
     by_stroke: dict[int, dict[int, list[Interval]]] = {}
     for k, intervals in left.items():
         by_stroke.setdefault(int(segments.stroke[k]), {})[int(segments.place[k])] = intervals
@@ -97,22 +99,21 @@ def _segments(strokes: Sequence[Stroke], numbers: Sequence[int]) -> _Segments:
     return _Segments(points[:-1][real], points[1:][real], stroke[real], place[real])
 
 
-def _first_of_equals(segments: _Segments) -> dict[int, list[Interval]]:
+def _first_of_equals(vertex: Ints) -> dict[int, list[Interval]]:
     """Nothing is left of a segment that has the very ends of an earlier one, in either direction."""
-    a, b = segments.a + 0.0, segments.b + 0.0
-    turned = (a[:, 0] > b[:, 0]) | ((a[:, 0] == b[:, 0]) & (a[:, 1] > b[:, 1]))
-    ends = np.where(turned[:, None], np.concatenate((b, a), axis=1), np.concatenate((a, b), axis=1))
-    order = np.lexsort((np.arange(len(ends)), *ends.T))
-    same = (ends[order[1:]] == ends[order[:-1]]).all(axis=1)
-    return {k: [] for k in order[1:][same].tolist()}
+    a, b = vertex.reshape(2, -1)
+    _, first = np.unique(np.minimum(a, b) * (vertex.max() + 1) + np.maximum(a, b), return_index=True)
+    repeats = np.ones(len(a), dtype=np.bool_)
+    repeats[first] = False
+    return {k: [] for k in np.flatnonzero(repeats).tolist()}
 
 
-def _uncovered(segments: _Segments, gone: dict[int, list[Interval]]) -> dict[int, list[Interval]]:
+def _uncovered(segments: _Segments, vertex: Ints, gone: dict[int, list[Interval]]) -> dict[int, list[Interval]]:
     """What is left, as fractions of its length, of each segment that earlier ones cover in part or whole."""
     here = np.ones(len(segments.a), dtype=np.bool_)
     here[list(gone)] = False
     present = np.flatnonzero(here)
-    later, earlier = _overlapping(segments, present)
+    later, earlier = _overlapping(segments, vertex, present)
     left: dict[int, list[Interval]] = {}
     for s, t in zip(later.tolist(), earlier.tolist(), strict=True):  # by rising s: what is left of t is known by now
         for fractions in left.get(t, [(0.0, 1.0)]):
@@ -124,11 +125,10 @@ def _uncovered(segments: _Segments, gone: dict[int, list[Interval]]) -> dict[int
     return {s: [i for i in intervals if i[1] - i[0] > sliver[s]] for s, intervals in left.items()}
 
 
-def _overlapping(segments: _Segments, present: Ints) -> tuple[Ints, Ints]:
+def _overlapping(segments: _Segments, vertex: Ints, present: Ints) -> tuple[Ints, Ints]:
     """Pairs (later, earlier) of segments with a common stretch, by rising later. One of two such always ends on the other."""
     a, b = segments.a[present], segments.b[present]
-    _, vertex = np.unique(np.concatenate((a, b)) @ [1, 1j], return_inverse=True)
-    vertex = vertex.ravel()
+    vertex = vertex.reshape(2, -1)[:, present].ravel()
     pairs = np.concatenate((_from_one_vertex(a, b, vertex), _on_vertices(a, b, vertex)))
     pairs = np.sort(pairs, axis=1)
     pairs = pairs[_have_common(a, b, pairs[:, 1], pairs[:, 0])]
@@ -142,11 +142,12 @@ def _from_one_vertex(a: Array, b: Array, vertex: Ints) -> Ints:
     Sorted by angle such segments stand together, so that a star is not searched pair by pair.
     """
     count = len(a)
-    span = np.concatenate((b - a, a - b))
+    ends = np.flatnonzero(_may_share_direction(a, b, vertex))
+    span = np.concatenate((b - a, a - b))[ends]
     angle = np.arctan2(span[:, 1], span[:, 0])
     wrapped = np.flatnonzero(angle < WIDEST_ANGLE - np.pi)  # these come after those just under pi as well
-    segment = np.concatenate((np.arange(count), np.arange(count), wrapped % count))
-    at = np.concatenate((vertex, vertex[wrapped]))
+    segment = np.concatenate((ends, ends[wrapped])) % count
+    at = vertex[np.concatenate((ends, ends[wrapped]))]
     angle = np.concatenate((angle, angle[wrapped] + 2 * np.pi))
     reach = np.minimum(4 * SAME_LINE_MM / np.hypot(span[:, 0], span[:, 1]), WIDEST_ANGLE)
     reach = np.concatenate((reach, reach[wrapped]))
@@ -166,13 +167,23 @@ def _from_one_vertex(a: Array, b: Array, vertex: Ints) -> Ints:
     return np.concatenate(found)
 
 
+def _may_share_direction(a: Array, b: Array, vertex: Ints) -> NDArray[np.bool_]:
+    """For each end (2 n,) whether another segment there might go the same way: not where one just goes on from another."""
+    degree = np.bincount(vertex)
+    on = np.flatnonzero((b[:-1] == a[1:]).all(axis=1) & (degree[vertex[1 : len(a)]] == 2))
+    onward = ((b[on] - a[on]) * (b[on + 1] - a[on + 1])).sum(axis=1) >= 0
+    possible = degree[vertex] > 1
+    possible[on[onward] + len(a)] = possible[on[onward] + 1] = False
+    return possible
+
+
 def _on_vertices(a: Array, b: Array, vertex: Ints) -> Ints:
     """Pairs (k, 2) of segments of which one ends on the other, but not in its end."""
     count = len(a)
     tree, owner = _index(a, b)
     by_vertex = np.argsort(vertex, kind="stable")
     starts = np.searchsorted(vertex[by_vertex], np.arange(vertex.max() + 2))
-    points = np.concatenate((a, b))[by_vertex[starts[:-1]]]
+    points = np.concatenate((a, b))[by_vertex[np.minimum(starts[:-1], 2 * count - 1)]]
     found = [np.zeros((0, 2), dtype=np.int64)]
     for low in range(0, len(points), QUERY):
         of, on = tree.query(shapely.points(points[low : low + QUERY]), predicate="dwithin", distance=SAME_LINE_MM)

@@ -12,7 +12,12 @@ def _ends_meet(stroke: Stroke) -> bool:
 
 def is_dot(stroke: Stroke) -> bool:
     """`Stroke.is_dot`."""
-    return len(stroke.points_mm) == 1 or (_ends_meet(stroke) and stroke.is_dot)
+    points = stroke.points_mm
+    if len(points) == 1:
+        return True
+    if points[0, 0] != points[1, 0] or points[0, 1] != points[1, 1]:
+        return False
+    return stroke.is_dot
 
 
 def is_closed(stroke: Stroke) -> bool:

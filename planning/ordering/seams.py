@@ -35,6 +35,8 @@ def places(stroke: Stroke, seams: Seams, rng: np.random.Generator) -> Ints:
 def _sharpest(stroke: Stroke) -> Ints:
     """The sharpest corners; every vertex when there is no corner."""
     points = stroke.points_mm[:-1]
+    if stroke.corners is not None and not stroke.corners[1:-1].any() and _smooth_seam(stroke):
+        return np.arange(len(points))
     before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
     turn = np.abs(np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], (before * after).sum(axis=1)))
     if stroke.corners is None:
