@@ -180,7 +180,8 @@ def measure(name: str, strokes: list[Stroke], known_mm: float | None = None) -> 
     print(f"  {'':34}{'pen up mm':>12}{'lifts':>8}{'s':>9}{'/ bound':>9}{'/ two-opt':>11}{'/ its s':>9}{'/ known':>9}")
     for row in rows:
         print(
-            f"  {row.way:34}{row.travel_mm:12.0f}{row.lifts:8}{row.seconds:9.2f}{row.travel_mm / max(bound, 1e-9):9.3f}", end=""
+            f"  {row.way:34}{row.travel_mm:12.0f}{row.lifts:8}{row.seconds:9.2f}{row.travel_mm / bound if bound > 1e-3 else np.nan:9.3f}",
+            end="",
         )
         print(
             f"{row.travel_mm / max(two_opt.travel_mm, 1e-9):11.3f}{row.seconds / two_opt.seconds:9.2f}"
