@@ -179,8 +179,9 @@ def measure(name: str, strokes: list[Stroke], known_mm: float | None = None) -> 
     print(f"; best known {known_mm:.0f} mm" if known_mm else "")
     print(f"  {'':34}{'pen up mm':>12}{'lifts':>8}{'s':>9}{'/ bound':>9}{'/ two-opt':>11}{'/ its s':>9}{'/ known':>9}")
     for row in rows:
+        over = row.travel_mm / bound if bound > 1e-3 else np.nan
         print(
-            f"  {row.way:34}{row.travel_mm:12.0f}{row.lifts:8}{row.seconds:9.2f}{row.travel_mm / bound if bound > 1e-3 else np.nan:9.3f}",
+            f"  {row.way:34}{row.travel_mm:12.0f}{row.lifts:8}{row.seconds:9.2f}{over:9.3f}",
             end="",
         )
         print(
