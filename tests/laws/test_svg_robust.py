@@ -114,7 +114,8 @@ def test_inside_and_outside_make_the_whole(
     assert abs(length(inside) + length(outside) - whole) <= 1e-4 * (1 + whole)
     for one in inside:
         assert shapely.dwithin(region.area, shapely.points(one.points), 1e-5).all()
-    shape = shapely.LineString(points) if len(set(points)) > 1 else None
+    # GEOS finds no distance at all from a line whose length underflows when squared.
+    shape = shapely.LineString(points) if whole > 1e-9 else None
     if shape is not None:
         assert all(shapely.dwithin(shape, shapely.points(one.points), 1e-6).all() for one in inside + outside)
 
