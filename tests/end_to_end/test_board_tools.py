@@ -13,6 +13,7 @@ from output.ebb.session import connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from output.errors import BadCommand, BoardRefused, LinkLost
 from plotter.cli import board as tools
+from plotter.cli.main import cli
 from plotter.errors import BadInput
 
 FIRMWARE = ["3.0.3", "2.8.1", "2.7.0"]
@@ -26,7 +27,7 @@ def virtual(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp
 
 
 def call(virtual: VirtualBoard, name: str, *arguments: str, answer: str | None = None) -> Result:
-    return CliRunner().invoke(getattr(tools, name), [*arguments, "--port", virtual.port], input=answer)
+    return CliRunner().invoke(cli, [name, *arguments, "--port", virtual.port], input=answer)
 
 
 def done(result: Result) -> str:
@@ -130,12 +131,12 @@ def test_a_nickname_is_written_only_when_confirmed(virtual: VirtualBoard) -> Non
 
 def test_ports_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tools, "find_ports", lambda: [FoundPort("/dev/ttyACM0", "East EBB", "EiBotBoard")])
-    assert CliRunner().invoke(tools.ports, []).output == "/dev/ttyACM0\tEast EBB\n"
-    listed = json.loads(CliRunner().invoke(tools.ports, ["--json"]).output)
+    assert CliRunner().invoke(cli, ["ports"]).output == "/dev/ttyACM0\tEast EBB\n"
+    listed = json.loads(CliRunner().invoke(cli, ["ports", "--json"]).output)
     assert listed == [{"port": "/dev/ttyACM0", "nickname": "East EBB", "description": "EiBotBoard"}]
-    assert "ID_MM_DEVICE_IGNORE" in CliRunner().invoke(tools.ports, ["--udev"]).output
+    assert "ID_MM_DEVICE_IGNORE" in CliRunner().invoke(cli, ["ports", "--udev"]).output
     monkeypatch.setattr(tools, "find_ports", list)
-    result = CliRunner().invoke(tools.ports, [])
+    result = CliRunner().invoke(cli, ["ports"])
     assert result.exit_code == 0
     assert "no EiBotBoard is plugged in" in result.output
 
@@ -143,6 +144,6 @@ def test_ports_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_a_board_every_tool_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("output.ebb.ports.find_ports", list)
     for name, arguments in (("board", []), ("pen", ["up"]), ("home", []), ("align", []), ("disable", []), ("move", ["1", "1"])):
-        error = CliRunner().invoke(getattr(tools, name), arguments).exception
+        error = CliRunner().invoke(cli, [name, *arguments]).exception
         assert isinstance(error, LinkLost), name
         assert "no EiBotBoard is plugged in" in str(error)
