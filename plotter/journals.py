@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 import platformdirs
 
-from output.ebb.commands import EM, LT, SC, SP, Command
-from output.ebb.encode import BoardSetup, encode, epilogue
-from output.ebb.encode_pieces import PRIMED
+from output.ebb.commands import Command
+from output.ebb.encode import BoardSetup, encode, epilogue, prologue
 from output.ebb.journal import PlotState, differences, load
 from output.ebb.program import Mark
 from planning.geometry.remainder import remainder
 from planning.geometry.stroke import Layer
 from planning.motion.plan import Action, Draw, Lower
 from planning.motion.planner import plan
+from plotter.board_setup import HOME_MM
 from plotter.errors import BadInput
-from plotter.pipeline import HOME_MM, Job, motion_settings, prepare
+from plotter.pipeline import Job, motion_settings, prepare
 from plotter.settings import Settings
 from plotter.svg.options import Budgets, ReadOptions
 
@@ -95,13 +95,7 @@ class Part:
 def part_program(job: Job, setup: BoardSetup, part: Part) -> Iterator[Command | Mark]:
     """The program of a resumed part: counters go on from where the board stands, strokes keep their numbers of the whole."""
     start_mm = np.array(part.start_mm)
-    pen = setup.pen
-    if part.homed:
-        yield EM(setup.microsteps, setup.microsteps)
-    yield from (SC(4, pen.up), SC(5, pen.down), SC(11, pen.rate_up), SC(12, pen.rate_down))
-    yield SP(1, round(1000 * pen.first_lift_s))
-    if not setup.firmware.old_arithmetic:
-        yield LT(1, PRIMED, 0, PRIMED, 0, 3)
+    yield from prologue(setup, keep_counters=not part.homed)
     layers, first = layers_left(job.layers, part)
     end_mm = HOME_MM if job.settings.end == "home" else None
     actions = plan(layers, motion_settings(job.settings, job.machine), start_mm, end_mm)

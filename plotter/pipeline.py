@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 import hashlib
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
-
-import numpy as np
 
 from output.ebb.commands import Command
-from output.ebb.encode import BoardSetup, PenCommands, encode, epilogue, prologue
-from output.ebb.firmware import firmware
+from output.ebb.encode import BoardSetup, encode, epilogue, prologue
 from output.ebb.program import Mark
 from planning.geometry.stroke import Layer
 from planning.motion.plan import Action
 from planning.motion.planner import MotionSettings, PenTiming, check_bounds, plan
 from planning.ordering.arrange import OrderOptions, order_layers
 from plotter.arrange import Arranged, arrange
-from plotter.errors import BadInput
+from plotter.board_setup import HOME_MM
 from plotter.machines.profile import Machine
 from plotter.settings import Settings
 from plotter.svg.drawing import Drawing
 from plotter.svg.options import ReadOptions
-from plotter.svg.read import read_drawing
-
-HOME_MM = np.zeros(2)
+from plotter.svg.read import read_drawing, source_bytes
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -51,23 +44,13 @@ class Job:
         return (*self.drawing.warnings, *self.arranged.notes)
 
 
-def read_source(file: str) -> tuple[str, bytes]:
-    """The file's name and bytes; `-` is standard input. Raises BadInput for one that cannot be read."""
-    if file == "-":
-        return "standard input", sys.stdin.buffer.read()
-    try:
-        return Path(file).name, Path(file).read_bytes()
-    except OSError as error:
-        raise BadInput(f"cannot read {file}: {error.strerror}; give the path of an SVG file") from None
-
-
 def prepare(file: str, reading: ReadOptions, settings: Settings) -> Job:
     """Read, arrange and order a drawing, and check that all of it lies on the machine.
 
     Raises BadInput for a drawing that cannot be used, OutsideMachine for one that leaves the machine's travel.
     """
     machine = settings.machine_profile()
-    name, content = read_source(file)
+    name, content = source_bytes(file, reading)
     drawing = read_drawing(content, reading)
     arranged = arrange(drawing, settings, machine)
     check_bounds(arranged.layers, _travel_bounds(machine))
@@ -104,17 +87,6 @@ def planned(job: Job) -> Iterator[Action]:
     """The Plan, as it is being made. Starts at home."""
     end_mm = HOME_MM if job.settings.end == "home" else None
     return plan(job.layers, motion_settings(job.settings, job.machine), HOME_MM, end_mm)
-
-
-def board_setup(settings: Settings, machine: Machine, firmware_version: str | None = None) -> BoardSetup:
-    """How this machine's board is driven; `firmware_version` is the connected board's, else the settings'."""
-    lift = settings.pen_lift()
-    return BoardSetup(
-        kinematics=machine.kinematics(),
-        firmware=firmware(firmware_version or settings.firmware),
-        pen=PenCommands(lift.up_pulse, lift.down_pulse, lift.rate_up, lift.rate_down),
-        family=settings.commands,
-    )
 
 
 def program(actions: Iterator[Action], setup: BoardSetup) -> Iterator[Command | Mark]:

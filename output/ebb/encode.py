@@ -66,9 +66,8 @@ class BoardSetup:
     sizing: Sizing = field(default_factory=Sizing)
 
 
-def prologue(setup: BoardSetup) -> Iterator[Command | Mark]:
-    """What comes first: pen configured and raised, motors on with counters at 0, accumulators at half a step."""
-    pen, firmware = setup.pen, setup.firmware
+def pen_heights(pen: PenCommands, firmware: Firmware) -> Iterator[Command]:
+    """The pen's heights and speeds, which the board is told before it moves the pen."""
     yield SC(4, pen.up)
     yield SC(5, pen.down)
     if firmware.version >= (1, 9, 2):
@@ -76,13 +75,24 @@ def prologue(setup: BoardSetup) -> Iterator[Command | Mark]:
         yield SC(12, pen.rate_down)
     else:
         yield SC(10, pen.rate_up)
+
+
+def prologue(setup: BoardSetup, *, keep_counters: bool = False) -> Iterator[Command | Mark]:
+    """What comes first: pen configured and raised, motors on with counters at 0, accumulators at half a step.
+
+    `keep_counters` is for a board that goes on from where it stands, its motors still on.
+    """
+    pen, firmware = setup.pen, setup.firmware
+    yield from pen_heights(pen, firmware)
     if firmware.has(SR(0)):
         yield SR(pen.servo_timeout_ms, 1)
-    yield EM(setup.microsteps, setup.microsteps)
+    if not keep_counters:
+        yield EM(setup.microsteps, setup.microsteps)
     yield _pen(1, pen.first_lift_s, setup)
     if "LT" in firmware.motion:
-        # One tick at half a step: nothing steps, and from here rounding down is rounding to the nearest.
-        yield LT(1, PRIMED, 0, PRIMED, 0)
+        # One tick at half a step: nothing steps, and from here rounding down is rounding to the nearest. EM has cleared the
+        # accumulators; where it was not sent, LT itself does.
+        yield LT(1, PRIMED, 0, PRIMED, 0, 3 if keep_counters else None)
 
 
 def epilogue(setup: BoardSetup) -> Iterator[Command | Mark]:

@@ -5,17 +5,20 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import click
 import numpy as np
 
-from output.ebb.commands import EM, LT, SC, SP, Command
+from output.ebb.commands import EM, SP, Command
 from output.ebb.control import StopFlag
+from output.ebb.encode import encode, pen_heights, prologue
 from output.ebb.ports import UDEV_RULE, choose_port, find_ports
 from output.ebb.program import Program
 from output.ebb.session import Board, connect
 from output.errors import BoardRefused
+from plotter.board_setup import board_setup
 from plotter.errors import BadInput, Interrupted
 from plotter.settings import Settings, resolve
 from plotter.units import length_mm
@@ -153,7 +156,7 @@ def pen(what: str, port: str | None, machine: str | None, pen_up: str | None, pe
     settings = tool_settings(machine=machine, pen_up=pen_up, pen_down=pen_down)
     with opened(port, clear=False) as one:
         up = what == "up" or (what == "toggle" and one.query("QP") == "0")
-        for command in pen_commands(settings):
+        for command in _heights(one, settings):
             one.send(command)
         lift = settings.pen_lift()
         one.send(SP(1 if up else 0, round(1000 * (lift.lift_s() if up else lift.lower_s()))), timeout_s=_PEN_TIMEOUT_S)
@@ -161,10 +164,10 @@ def pen(what: str, port: str | None, machine: str | None, pen_up: str | None, pe
     click.echo(f"the pen is {'up' if up else 'down'}")
 
 
-def pen_commands(settings: Settings) -> list[Command]:
+def _heights(one: Board, settings: Settings) -> Iterator[Command]:
     """The pen's heights and speeds, as every tool says them before it moves the pen."""
-    lift = settings.pen_lift()
-    return [SC(4, lift.up_pulse), SC(5, lift.down_pulse), SC(11, lift.rate_up), SC(12, lift.rate_down)]
+    setup = board_setup(settings, settings.machine_profile(), one.firmware)
+    return pen_heights(setup.pen, setup.firmware)
 
 
 # the carriage
@@ -239,7 +242,7 @@ def disable(port: str | None, machine: str | None, pen_up: str | None, pen_down:
 
 def _let_go(port: str | None, settings: Settings) -> None:
     with opened(port, clear=True) as one:
-        for command in pen_commands(settings):
+        for command in _heights(one, settings):
             one.send(command)
         one.send(SP(1, round(1000 * settings.pen_lift().lift_s())))
         one.wait_until_still(_PEN_TIMEOUT_S)
@@ -280,19 +283,13 @@ def carriage_to(one: Board, settings: Settings, start_mm: np.ndarray, end_mm: np
 
 def _travel_program(one: Board, settings: Settings, start_mm: np.ndarray, end_mm: np.ndarray) -> Program:
     """Pen heights, pen up, and the travel; the step counters go on from where they are."""
-    from output.ebb.encode import BoardSetup, PenCommands, encode
-    from output.ebb.encode_pieces import PRIMED
-    from output.ebb.firmware import firmware
     from planning.motion.plan import Travel
     from planning.motion.travel import travel
 
-    profile, lift = settings.machine_profile(), settings.pen_lift()
-    kinematics, version = profile.kinematics(), firmware(one.firmware)
-    motion = travel(start_mm, end_mm, settings.travel_limits(), kinematics, ((0.0, 0.0), (profile.width_mm, profile.height_mm)))
+    profile = settings.machine_profile()
     # Counted from here: the encoder's steps are relative, and the board's counters keep their distance from home.
-    setup = BoardSetup(kinematics, version, PenCommands(lift.up_pulse, lift.down_pulse, lift.rate_up, lift.rate_down), start_mm)
-    yield from pen_commands(settings)
-    yield SP(1, round(1000 * lift.lift_s()))
-    if "LT" in version.motion:
-        yield LT(1, PRIMED, 0, PRIMED, 0, 3)  # the accumulators as the encoder takes them to be, whatever moved before
-    yield from encode([Travel(motion)], setup)
+    setup = board_setup(settings, profile, one.firmware, start_mm)
+    setup = replace(setup, pen=replace(setup.pen, first_lift_s=settings.pen_lift().lift_s()))
+    reach = ((0.0, 0.0), (profile.width_mm, profile.height_mm))
+    yield from prologue(setup, keep_counters=True)
+    yield from encode([Travel(travel(start_mm, end_mm, settings.travel_limits(), setup.kinematics, reach))], setup)

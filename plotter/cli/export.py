@@ -9,12 +9,13 @@ import click
 
 from output.ebb.command_file import write_command_file
 from output.ebb.estimate import estimate
+from plotter.board_setup import board_setup
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
 from plotter.errors import BadInput
 from plotter.estimate import PlanTally
-from plotter.pipeline import board_setup, planned, prepare, program
+from plotter.pipeline import planned, prepare, program
 from plotter.settings import ResolvedSettings
 from plotter.units import spoken_duration
 

@@ -20,6 +20,7 @@ from output.ebb.session import Board, StreamResult, connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from planning.motion.limits import Kinematics
 from planning.motion.plan import Action, OperatorPause
+from plotter.board_setup import board_setup
 from plotter.cli.keys import keys
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
@@ -28,7 +29,7 @@ from plotter.errors import BadInput, Interrupted
 from plotter.estimate import PlanTally, Tally
 from plotter.journals import head as journal_head
 from plotter.journals import journal_path
-from plotter.pipeline import Job, board_setup, planned, prepare, program
+from plotter.pipeline import Job, planned, prepare, program
 from plotter.preview.picture import draw_ink
 from plotter.units import spoken_duration
 

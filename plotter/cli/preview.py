@@ -10,11 +10,12 @@ import click
 
 from output.ebb.estimate import estimate
 from planning.motion.plan import Action
+from plotter.board_setup import board_setup
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
 from plotter.estimate import PlanTally, facts
-from plotter.pipeline import Job, board_setup, planned, prepare, program
+from plotter.pipeline import Job, planned, prepare, program
 from plotter.preview.picture import draw_picture
 from plotter.units import spoken_duration
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
@@ -14,7 +13,7 @@ import numpy as np
 from plotter.errors import BadInput
 from plotter.svg.drawing import Drawing
 from plotter.svg.options import Budgets, Fills, Hidden, LayerRule, ReadOptions, Text
-from plotter.svg.read import read_drawing
+from plotter.svg.read import read_drawing, source_bytes
 from plotter.units import length_mm
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -125,12 +124,7 @@ def collect_reading(options: dict[str, Any]) -> ReadOptions:
 
 def read_file(file: str, options: ReadOptions) -> Drawing:
     """The drawing of `file`, `-` being standard input; its warnings go to stderr. Raises BadInput."""
-    if file == "-":
-        limit = options.budgets.document_bytes
-        data = sys.stdin.buffer.read(limit + 1)
-        drawing = read_drawing(data, options)
-    else:
-        drawing = read_drawing(Path(file), options)
+    drawing = read_drawing(Path(file) if file != "-" else source_bytes(file, options)[1], options)
     for warning in drawing.warnings:
         click.echo(f"warning: {warning}", err=True)
     return drawing

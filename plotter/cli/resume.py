@@ -14,10 +14,11 @@ from output.ebb.resume import Place, find_place, position_lost
 from output.ebb.session import Board, connect
 from output.errors import BoardRefused
 from planning.geometry.remainder import OVERLAP_MM
+from plotter.board_setup import board_setup
 from plotter.cli.plot import finish, guesses_s, streamed
 from plotter.errors import BadInput
 from plotter.journals import Part, interrupted_plot, journal_path, made_again, part_program
-from plotter.pipeline import Job, board_setup, planned, program
+from plotter.pipeline import Job, planned, program
 from plotter.units import spoken_duration
 
 _STILL_TIMEOUT_S = 10.0

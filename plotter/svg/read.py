@@ -74,6 +74,18 @@ def _name(source: Path | bytes) -> str:
     return "the drawing" if isinstance(source, bytes) else source.name
 
 
+def source_bytes(file: str, options: ReadOptions) -> tuple[str, bytes]:
+    """The name and bytes of a drawing's file; `-` is standard input. Never reads further than the byte budget.
+
+    Raises BadInput for what cannot be read or is larger than that.
+    """
+    limit = options.budgets.document_bytes
+    if file == "-":
+        return "standard input", sys.stdin.buffer.read(limit + 1)
+    path = Path(file)
+    return path.name, _load(path, options)
+
+
 def _load(source: Path | bytes, options: ReadOptions) -> bytes:
     if isinstance(source, bytes):
         return source

@@ -105,3 +105,26 @@ def test_every_flag_reaches_the_reader(file: Path, monkeypatch: pytest.MonkeyPat
     budgets = options.budgets
     assert (budgets.document_bytes, budgets.elements, budgets.nesting, budgets.uses) == (99999, 98, 97, 96)
     assert (budgets.markers, budgets.points, budgets.dashes, budgets.characters, budgets.selector_tests) == (95, 94, 93, 92, 91)
+
+
+@pytest.mark.parametrize("command", [["layers"], ["preview"], ["export", "-o", "-"]])
+def test_no_command_reads_further_than_the_byte_budget(
+    command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Standard input without an end: refused after the budget's bytes, not when the memory is full."""
+
+    class Endless(io.RawIOBase):
+        taken = 0
+
+        def readable(self) -> bool:
+            return True
+
+        def readinto(self, buffer: Any) -> int:
+            assert self.taken < 5_000_000, "read on beyond the budget"
+            buffer[:] = b" " * len(buffer)
+            self.taken += len(buffer)
+            return len(buffer)
+
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BufferedReader(Endless())))
+    assert run([command[0], "-", *command[1:], "--max-bytes", "1000000"]) == 2
+    assert "--max-bytes" in capsys.readouterr().err

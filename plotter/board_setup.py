@@ -1,0 +1,29 @@
+"""From settings to what the encoder must know of machine and board."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from output.ebb.encode import BoardSetup, PenCommands
+from output.ebb.firmware import firmware
+from plotter.machines.profile import Machine
+from plotter.settings import Settings
+
+HOME_MM = np.zeros(2)
+
+
+def board_setup(
+    settings: Settings, machine: Machine, firmware_version: str | None = None, origin_mm: np.ndarray = HOME_MM
+) -> BoardSetup:
+    """How this machine's board is driven; `firmware_version` is the connected board's, else the settings'.
+
+    `origin_mm` (2,) is where the encoder's step counters are 0.
+    """
+    lift = settings.pen_lift()
+    return BoardSetup(
+        kinematics=machine.kinematics(),
+        firmware=firmware(firmware_version or settings.firmware),
+        pen=PenCommands(lift.up_pulse, lift.down_pulse, lift.rate_up, lift.rate_down),
+        origin_mm=origin_mm,
+        family=settings.commands,
+    )
