@@ -5,6 +5,7 @@ A value is taken from the flag, else from the settings file, else from what the 
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -129,6 +130,10 @@ def settings_path() -> Path:
     return platformdirs.user_config_path("plotter") / "settings.toml"
 
 
+# Profiles carry units in their keys; a setting's value may be written with one.
+_UNIT = re.compile(r"_mm(_s[23]?)?$")
+
+
 def resolve(flags: Mapping[str, Any], file: Path | None = None) -> ResolvedSettings:
     """Flags over the settings file over profiles. `flags` holds only what was given; `file` None means the user's own, if any.
 
@@ -142,7 +147,7 @@ def resolve(flags: Mapping[str, Any], file: Path | None = None) -> ResolvedSetti
     quality = load_quality(quality_name).model_dump()
     lift = load_pen_lift(machine.pen_lift)
     for key, value in quality.items():
-        name = key.replace("_mm_s3", "").replace("_mm_s2", "").replace("_mm_s", "").replace("_mm", "")
+        name = _UNIT.sub("", key)
         if name not in given:
             given[name], origin[name] = value, f"quality {quality_name}"
     for name, height in (("pen_up", lift.up_percent), ("pen_down", lift.down_percent)):

@@ -16,7 +16,6 @@ Version = tuple[int, int, int]
 _VERSION_LINE = re.compile(r"EBB.*Firmware Version (\d{1,3})\.(\d{1,3})(?:\.(\d{1,3}))?")
 # The oldest firmware whose queue can be watched: QM with the FIFO's state (2.4.4). Before it, a stop could not be kept prompt.
 OLDEST: Version = (2, 4, 4)
-NEWEST_KNOWN: Version = (3, 0, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +72,6 @@ class Abilities:
     @property
     def nickname(self) -> bool:
         return self.version >= (2, 5, 5)
-
-    @property
-    def is_known(self) -> bool:
-        return self.version <= NEWEST_KNOWN
 
 
 def abilities_of(version_line: str) -> Abilities:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from math import sqrt
 
+from output.ebb.arithmetic import TICK_S
 from output.ebb.commands import HM, L3, LM, LT, S2, SM, SP, T3, TD, TP, TR, XM, Command
 
-TICK_S = 40e-6
 _FULL = 2.0**31
 _LONGEST_S = 100.0  # firmware 3 cuts a delay at 100 s; a low-level move that takes longer is paced as if it took this
 

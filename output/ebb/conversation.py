@@ -79,10 +79,6 @@ class Conversation:
         while self._due and self._due[0].number <= number:
             self._due.popleft()
 
-    def wire_of(self, number: int) -> str | None:
-        """The text of an unanswered command."""
-        return next((due.wire for due in self._due if due.number == number), None)
-
     def ask(self, wire: str, timeout_s: float = REPLY_TIMEOUT_S) -> str:
         """Sends one command and waits for its own reply; returns the reply's data.
 

@@ -139,10 +139,6 @@ class Protocol:
         """How many commands are sent and not answered."""
         return len(self._pending)
 
-    @property
-    def resyncing(self) -> bool:
-        return self._token is not None
-
     def send(self, wire: str) -> tuple[int, bytes]:
         """The command's number in this conversation and the bytes to write for it.
 

@@ -128,17 +128,6 @@ class _Block:
     slow_before: Array = field(default_factory=lambda: np.zeros(0))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Places:
-    """The planning grid of one stage's blocks; `grid.path` is the block's index, `source` the place in the solver's grid or
-
-    -1.
-    """
-
-    grid: Grid
-    slow: Array
-
-
 @dataclass(eq=False, slots=True)
 class _Rows:
     """One stage's system: per-row arrays over the blocks still unsolved."""

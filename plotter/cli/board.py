@@ -19,11 +19,11 @@ from output.ebb.program import Program
 from output.ebb.session import Board, connect
 from output.errors import BoardRefused
 from plotter.board_setup import board_setup
+from plotter.cli.options import SIM
 from plotter.errors import BadInput, Interrupted
 from plotter.settings import Settings, resolve
 from plotter.units import length_mm
 
-SIM = "sim"
 _Wrapped = TypeVar("_Wrapped", bound=Callable[..., Any])
 _PEN_TIMEOUT_S = 70.0
 

@@ -13,6 +13,8 @@ from plotter.settings import ResolvedSettings, Settings, resolve
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
+# The port that stands for the built-in virtual board.
+SIM = "sim"
 _METAVARS = {
     "speed": "SPEED",
     "acceleration": "ACCEL",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -12,28 +11,24 @@ from typing import Any
 import click
 import numpy as np
 
-from output.ebb.control import StopFlag, ignore_signals
 from output.ebb.journal import Journal
 from output.ebb.ports import choose_port
-from output.ebb.program import Program
-from output.ebb.session import Board, StreamResult, connect
+from output.ebb.session import StreamResult, connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from planning.motion.limits import Kinematics
 from planning.motion.plan import Action, OperatorPause
 from plotter.board_setup import board_setup
-from plotter.cli.keys import keys
-from plotter.cli.options import collect, settings_options
+from plotter.cli.options import SIM, collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
-from plotter.cli.say import notes, progress_bar
-from plotter.errors import BadInput, Interrupted
+from plotter.cli.say import notes
+from plotter.cli.streaming import finish, guesses_s, patience_s, streamed
+from plotter.errors import BadInput
 from plotter.estimate import PlanTally, Tally
 from plotter.journals import head as journal_head
 from plotter.journals import journal_path
 from plotter.pipeline import Job, planned, prepare, program
 from plotter.preview.picture import draw_ink
 from plotter.units import spoken_duration
-
-SIM = "sim"
 
 
 @click.command()
@@ -69,11 +64,6 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
             _keep_picture(virtual, picture, job)
         return
     _plot_on(job, device, 1.0, journal_head(job, file, reading))
-
-
-def patience_s(speed: float) -> float:
-    """How long the virtual board waits for this computer before it runs dry: in real time not at all, as a board would."""
-    return 0.0 if speed <= 1 else 120.0
 
 
 def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | None) -> None:
@@ -113,24 +103,6 @@ def _begun(head: dict[str, Any]) -> Iterator[Journal | None]:
         notes([journal.trouble])
 
 
-def streamed(board: Board, items: Program, guess_s: list[float], journal: Journal | None) -> tuple[StreamResult, float]:
-    """Stream with a progress bar and keys; returns how it ended and how long it took by the clock."""
-    stop, started = StopFlag(), time.monotonic()
-    with progress_bar(guess_s) as bar, keys(stop):
-        result = board.stream(items, on_progress=bar.show, stop=stop, journal=journal)
-    if result.outcome != "done":
-        ignore_signals()  # the pen is up; a late Ctrl-C would only take the message and the exit code away
-    if journal is not None:
-        journal.end(result.outcome, result.steps)
-    return result, time.monotonic() - started
-
-
-def guesses_s(job: Job) -> list[float]:
-    """About how long each stroke takes, lifts included; the bar corrects the common factor."""
-    lifts_s = job.settings.lift_time + job.settings.lower_time + 0.2
-    return [lifts_s + stroke.length_mm / job.settings.draw_speed for layer in job.layers for stroke in layer.strokes]
-
-
 def _without_pauses(actions: Iterable[Action]) -> Iterator[Action]:
     """The virtual board with nobody at a keyboard: a pause would never end, so it is said and passed over."""
     for action in actions:
@@ -138,15 +110,6 @@ def _without_pauses(actions: Iterable[Action]) -> Iterator[Action]:
             notes([f"the pause '{action.message}' is passed over: nobody is at a keyboard"])
         else:
             yield action
-
-
-def finish(result: StreamResult, where: str) -> None:
-    """Raises Interrupted for a plot that was stopped, saying what became of the pen."""
-    if result.outcome == "done":
-        return
-    report = result.stop
-    pen = "the pen is up" if report is not None and report.pen_up else "THE PEN MAY BE DOWN: lift it by hand"
-    raise Interrupted(f"{result.reason}: {where} after {result.progress.strokes_done} strokes; {pen} and the motors are off")
 
 
 def _summary(job: Job, total: Tally, result: StreamResult, took_s: float) -> str:

@@ -15,7 +15,7 @@ from output.ebb.session import Board, connect
 from output.errors import BoardRefused
 from planning.geometry.remainder import OVERLAP_MM
 from plotter.board_setup import board_setup
-from plotter.cli.plot import finish, guesses_s, streamed
+from plotter.cli.streaming import finish, guesses_s, streamed
 from plotter.errors import BadInput
 from plotter.journals import Part, interrupted_plot, journal_path, made_again, part_program
 from plotter.pipeline import Job, planned, program

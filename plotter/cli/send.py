@@ -10,7 +10,8 @@ from output.ebb.ports import choose_port
 from output.ebb.session import connect
 from output.ebb.verify import verify
 from output.ebb.virtual.process import start_virtual_board
-from plotter.cli.plot import SIM, finish, patience_s, streamed
+from plotter.cli.options import SIM
+from plotter.cli.streaming import finish, patience_s, streamed
 from plotter.cli.verify import DEFAULT_FIRMWARE, DEFAULT_MACHINE
 from plotter.errors import BadInput
 from plotter.machines.profile import load_machine

@@ -386,11 +386,7 @@ class Walk:
         if any(target is one for one in drawn) or any(target is above for one in drawn for above in one.iterancestors()):
             self.notes.add("{count} <use> elements refer to themselves and were left out")
             return
-        self.use_count += 1
-        if self.use_count > self.options.budgets.uses:
-            raise BadInput(
-                f"the drawing expands more than {self.options.budgets.uses} <use> elements; raise --max-uses if it is meant"
-            )
+        self._count_use()
         x = self.number(element, "x", self._specified(element, "x", inner.style), inner.frame, inner.frame.width) or 0.0
         y = self.number(element, "y", self._specified(element, "y", inner.style), inner.frame, inner.frame.height) or 0.0
         matrix = multiply(inner.matrix, translation(x, y)) if x or y else inner.matrix
@@ -411,7 +407,7 @@ class Walk:
             )
         self._viewport(target, moved, *(element.get(name) or target.get(name) for name in ("width", "height")))
 
-    def count_use(self) -> None:
+    def _count_use(self) -> None:
         """Counts one expansion of a referenced element. Raises BadInput beyond the budget."""
         self.use_count += 1
         if self.use_count > self.options.budgets.uses:
