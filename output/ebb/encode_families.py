@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from output.ebb import arithmetic, arithmetic_old, encode_quadratic
 from output.ebb.arithmetic import ONE_STEP, TICK_S, TICKS_PER_MS, State
 from output.ebb.commands import SM, T3, TD, XM, Command
-from output.ebb.encode_merge import merge, stretched
-from output.ebb.encode_pieces import Borders, Parameters, Phase, quantised, split
+from output.ebb.encode_merge import merge
+from output.ebb.encode_pieces import Borders, Parameters, Phase, quantised, split, stretched
+from output.ebb.encode_slow import slowed
 from output.ebb.encode_spans import Samples, cut, on_milliseconds, sampled
 from output.ebb.firmware import Firmware
 from output.ebb.program import Mark, Note
-from output.ebb.queue_model import HOST_S, QueueModel, queue_setup, service_s
+from output.ebb.queue_forecast import HOST_S, LEAD_S, STILL_MM_S, QueueForecast, queue_setup, service_s
 from output.errors import BadCommand
 from planning.motion.limits import Kinematics
 
@@ -31,8 +32,8 @@ class Sizing:
     takes from one answer to the next command. Beyond `worst_steps` times these, a motion is slowed down instead.
     """
 
-    lead_s: float = 1.0
-    merge_steps: float = 0.1
+    lead_s: float = LEAD_S
+    merge_steps: float = 0.4
     lt_steps: float = 0.5
     sm_steps: float = 1.0
     worst_steps: float = 3.0
@@ -46,7 +47,7 @@ class Family(ABC):
         self.firmware = firmware
         self.sizing = sizing
         self.state = State()
-        self.queue = QueueModel(queue_setup(firmware, sizing.host_s))
+        self.queue = QueueForecast(queue_setup(firmware, sizing.host_s))
         self.to_mm = np.linalg.inv(kinematics.steps_per_mm).T / ONE_STEP
         self.count = 0
 
@@ -69,9 +70,15 @@ class Family(ABC):
         takes_s = self.sizing.host_s + float(service_s(self.firmware, name, np.array([busiest]))[0])
         return int(np.ceil(1.1 * max(takes_s, self.firmware.least_ms[name] / 1000) / TICK_S))
 
-    def slowed(self, factor: float) -> Note:
-        """What is said when a motion is slowed down."""
-        return Note(f"slowed by {100 * (factor - 1):.0f} % for firmware {self.firmware.name}, which takes no shorter commands")
+    def note(self, planned: Borders, slower: Borders) -> Note:
+        """What is said when a motion is slowed down: how many of its pieces, and by how much at most."""
+        longer = slower.ticks / planned.ticks
+        where = "all of a motion" if (longer > 1).all() else f"{(longer > 1).mean() * 100:.0f} % of a motion"
+        lost_s = (int(slower.ticks.sum()) - int(planned.ticks.sum())) * TICK_S
+        return Note(
+            f"{where} slowed by up to {100 * (longer.max() - 1):.0f} % ({lost_s:.2f} s more) for firmware "
+            f"{self.firmware.name}, which cannot take commands that fast"
+        )
 
 
 class Cubic(Family):
@@ -80,48 +87,64 @@ class Cubic(Family):
     def __init__(self, firmware: Firmware, kinematics: Kinematics, sizing: Sizing, pairs: bool) -> None:
         super().__init__(firmware, kinematics, sizing)
         self.pairs = pairs
-        # As many ticks in a piece as fill the queue with the lead wanted.
-        self.filling_ticks = int(np.ceil(sizing.lead_s / self.queue.setup.depth / TICK_S))
+        # How long what was queued last takes; nothing before the beginning was ever too short.
+        self.queued_s = [np.inf] * self.queue.setup.depth
 
     def motion(self, borders: Borders) -> Iterator[Command | Mark]:
-        chosen, model, factor = self._sized(borders)
-        self.queue = model
-        if factor > 1:
-            yield self.slowed(factor)
+        merged = split(merge(borders, self.sizing.merge_steps, self._lacking, self.to_mm))
+        chosen = self._sustained(merged)
+        if chosen is not merged:
+            yield self.note(merged, chosen)
+        self._remember(np.asarray((chosen.ticks + self.firmware.dead_ticks) * TICK_S, dtype=np.float64))
         (one, two), (acc1, acc2) = self.state
         phase = Phase(one * ONE_STEP + acc1, two * ONE_STEP + acc2)
         rows = quantised(chosen, phase)
         yield from _paired(rows) if self.pairs else (T3(*row) for row in rows)
         self.state = State(phase.steps, (phase.axis1 & (ONE_STEP - 1), phase.axis2 & (ONE_STEP - 1)))
 
-    def _sized(self, borders: Borders) -> tuple[Borders, QueueModel, float]:
-        """The borders to be sent, the queue after them, and by how much they are slowed."""
-        shortest = self.sustainable_ticks("T3", borders)
-        sized: list[tuple[Borders, QueueModel]] = []
-        for loosened in (1.0, self.sizing.worst_steps):
-            tolerance = self.sizing.merge_steps * loosened * ONE_STEP
-            chosen = split(merge(borders, max(round(self.filling_ticks * 1.25), 2 * shortest), tolerance, self.to_mm))
-            model, starves = self._queue_after(chosen)
-            sized.append((chosen, model))
-            if not starves:
-                return chosen, model, 1.0
-        factor = 1.0
-        while factor < 16:
-            factor *= 1.15
-            slower = split(stretched(chosen, factor))
-            model, starves = self._queue_after(slower)
-            if not starves:
-                return slower, model, factor
-        return *sized[0], 1.0
+    def waited(self, name: str, duration_s: float) -> None:
+        super().waited(name, duration_s)
+        self._remember(np.array([duration_s]))
 
-    def _queue_after(self, borders: Borders) -> tuple[QueueModel, bool]:
+    def _remember(self, lasts_s: Array) -> None:
+        depth = self.queue.setup.depth
+        self.queued_s = [*self.queued_s, *lasts_s[-depth:].tolist()][-depth:]
+
+    def _lacking(self, ticks: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which pieces of a motion lie in a queue that holds less than is wanted when some piece of it starts."""
+        depth = self.queue.setup.depth
+        lasts = np.concatenate((self.queued_s, (ticks + self.firmware.dead_ticks) * TICK_S))
+        # What is queued when piece i comes are the `depth` pieces before it.
+        total = np.concatenate(([0.0], np.cumsum(np.minimum(lasts, self.sizing.lead_s))))
+        little = total[depth:] - total[:-depth] < self.sizing.lead_s
+        near = np.concatenate(([0], np.cumsum(little)))
+        place = np.arange(len(ticks))
+        return np.asarray(near[np.minimum(place + depth + 1, len(little))] > near[place + 1])
+
+    def _sustained(self, borders: Borders) -> Borders:
+        """The motion slowed down where the queue would run dry; moves the queue on."""
+        shortest = self.sustainable_ticks("T3", borders)
+        need, chosen = np.ones(len(borders)), borders
+        while True:
+            model, starved = self._queue_after(chosen)
+            # What is too short among the pieces that were queued when it ran dry, and no more of them.
+            near = np.concatenate(([0], np.cumsum(starved)))
+            place = np.arange(len(borders))
+            near_dry = near[np.minimum(place + self.queue.setup.depth + 1, len(borders))] > near[place]
+            wanted = np.where(near_dry, shortest / borders.ticks, 1.0)
+            if not (wanted > need).any():
+                self.queue = model
+                return chosen
+            need = np.maximum(need, wanted)
+            chosen = slowed(borders, need)
+
+    def _queue_after(self, borders: Borders) -> tuple[QueueForecast, NDArray[np.bool_]]:
         model = self.queue.copy()
         takes = self.sizing.host_s + service_s(self.firmware, "T3", self.load(borders.v[:-1]))
         lasts = np.asarray((borders.ticks + self.firmware.dead_ticks) * TICK_S, dtype=np.float64)
         speeds = np.asarray(np.hypot(*(borders.v[:-1] @ self.to_mm).T) / TICK_S)
-        before = model.underruns
-        model.feed(np.zeros(len(borders), dtype=np.int64), takes, lasts, speeds)
-        return model, model.underruns > before
+        leads = model.feed(np.zeros(len(borders), dtype=np.int64), takes, lasts, speeds)
+        return model, (leads < 0) & (speeds > STILL_MM_S)
 
 
 def _paired(rows: Iterator[Parameters]) -> Iterator[Command]:
@@ -164,7 +187,7 @@ class Stepwise(Family):
             factor *= max(1.05, excess ** (1 / (self.order + 1)))
             slower = stretched(borders, factor)
         if factor > 1:
-            yield self.slowed(factor)
+            yield self.note(borders, slower)
         yield from self.commands(samples, spans.cuts.tolist())
 
     @property

@@ -1,103 +1,128 @@
-"""Fewer, longer pieces: neighbours become one cubic where it stays within a fraction of a step of the plan.
+"""Fewer, longer pieces, where the queue would hold too little motion, and no further off the plan than that takes.
 
-A plan's knots come every few milliseconds, more often than a board likes to be told. The cubic over several of them that has
-both ends' positions and rates is a hair off in between; it is taken when that is less than the tolerance, when it accelerates
-no more than the motion does somewhere anyway, and when it does not turn an axis back that the plan does not turn.
+A plan's knots come every few milliseconds; as many commands of that length as a board queues are a quarter of a second.
+Neighbours become one cubic, first where the plan is nearly one anyway; where the pieces that are queued together still last
+less than is wanted, the next grade lets them be further off, up to the most that is allowed. How far a merged piece really is
+off is measured after the fit (`encode_fit`), and a piece that is further off than its grade, steeper than the plan, or turns
+back where the plan does not, is cut in two until it is not: in the end it is the plan's own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from output.ebb.encode_pieces import SLACK, Borders
+from output.ebb.arithmetic import ONE_STEP
+from output.ebb.encode_fit import Plan, fit
+from output.ebb.encode_pieces import Borders
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
-_MOST_MERGED = 6
-# The greatest deviation lies between the knots that are looked at; this much more at most, for curves of bounded jerk.
-_BETWEEN = 1.2
-_STILL = 1.0
+# Shares of the most that merging may be off, in the order in which they are tried.
+GRADES = (0.1, 0.25, 0.5, 0.75, 1.0)
+_MOST_MERGED = 12
+# Ticks: integers resolve a piece of 50 ms to 0.08 step.
+_LONGEST = 1250
+# A cubic with the plan's own ends is two to four times further off than the best fit; with 3 too many are cut in two again.
+_WORSE = 2.2
+# Fits in which bad pieces are cut in two, and fits after which all is left as planned; in between bad ones become the plan's.
+_HALVED = 5
+_MOST_FITS = 16
+
+Lacking = Callable[[Ints], Flags]
 
 
-def merge(borders: Borders, longest_ticks: int, tolerance: float, to_mm: Array) -> Borders:
-    """Join up to six neighbouring pieces into one of at most `longest_ticks`, off by at most `tolerance` (2^-31 steps).
+def merge(borders: Borders, most_steps: float, lacking: Lacking, to_mm: Array) -> Borders:
+    """Merge neighbours while `lacking` says of pieces with these ticks (k,) that they lie where too little would be queued.
 
-    `to_mm` (2, 2) turns rows of motor units into millimetres, by which accelerations are compared.
+    The result is at most `most_steps` off; `to_mm` (2, 2) turns rows of motor units into millimetres.
     """
-    n = len(borders)
-    if n < 2 or tolerance <= 0:
+    if len(borders) < 2 or most_steps <= 0:
         return borders
-    length = np.ones(n, dtype=np.int64)
-    time = np.concatenate(([0], np.cumsum(borders.ticks)))
-    steepest = _steepest(borders, to_mm)
-    for m in range(2, min(_MOST_MERGED, n) + 1):
-        starts = np.flatnonzero(time[m:] - time[:-m] <= longest_ticks)
-        if len(starts):
-            length[_fitting(borders, time, starts, m, tolerance, steepest, to_mm)] = m
-    kept, at, lengths = [], 0, length.tolist()
+    wanting = lacking(borders.ticks)
+    if not wanting.any():
+        return borders
+    plan = Plan(borders, to_mm)
+    allowed = np.array(GRADES) * most_steps * ONE_STEP
+    lengths = _lengths(plan, allowed * _WORSE)
+    grade = np.where(wanting, 0, -1)
+    everywhere = np.arange(len(borders))
+    while True:
+        kept = _walked(np.where(grade < 0, 1, lengths[grade, everywhere]))
+        owner = np.repeat(np.arange(len(kept) - 1), np.diff(kept))
+        more = lacking(np.diff(plan.time[kept]))[owner] & (grade < len(GRADES) - 1)
+        if not more.any():
+            return _fitted(plan, kept, allowed[np.maximum(grade, 0)])
+        grade[more] += 1
+
+
+def _walked(length: Ints) -> Ints:
+    """The borders that are kept when each piece is as long as it may be from where it starts."""
+    kept, at, lengths, n = [], 0, length.tolist(), len(length)
     while at < n:
         kept.append(at)
         at += lengths[at]
-    index = np.array([*kept, n])
-    return Borders(borders.x[index], borders.v[index], np.diff(time[index]))
+    return np.array([*kept, n])
 
 
-def _steepest(borders: Borders, to_mm: Array) -> float:
-    """The greatest acceleration at any border, in mm per tick^2."""
-    t = borders.ticks[:, None].astype(np.float64)
-    mean = np.diff(borders.x, axis=0) / t
-    ends = (6 * mean - 4 * borders.v[:-1] - 2 * borders.v[1:]) / t, (4 * borders.v[1:] + 2 * borders.v[:-1] - 6 * mean) / t
-    return max(float(np.hypot(*(a @ to_mm).T).max()) for a in ends)
+def _lengths(plan: Plan, tolerances: Array) -> Ints:
+    """(tolerances, n): how many of the plan's pieces may be one from each place on, if it had the plan's ends."""
+    n = len(plan.borders)
+    lengths = np.ones((len(tolerances), n), dtype=np.int64)
+    starts = np.arange(n)
+    missed = np.zeros(n, dtype=np.int64)
+    for m in range(2, min(_MOST_MERGED, n) + 1):
+        starts = starts[starts + m <= n]
+        starts = starts[(plan.time[starts + m] - plan.time[starts] <= _LONGEST) & (missed[starts] < 2)]
+        if not len(starts):
+            break
+        off = _off(plan.borders, plan.time, starts, m)
+        for grade, tolerance in enumerate(tolerances):
+            lengths[grade, starts[off <= tolerance]] = m
+        # Errors grow with the length: what has not fitted twice will not.
+        missed[starts] = np.where(off <= tolerances[-1], 0, missed[starts] + 1)
+    return lengths
 
 
-def _fitting(
-    borders: Borders,
-    time: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    m: int,
-    tolerance: float,
-    steepest: float,
-    to_mm: Array,
-) -> NDArray[np.int64]:
-    """Those of `starts` that may begin a piece over `m` of the old ones."""
-
-    def cubic(starts: NDArray[np.int64]) -> tuple[Array, Array, Array, Array]:
-        t = (time[starts + m] - time[starts])[:, None].astype(np.float64)
-        mean = (borders.x[starts + m] - borders.x[starts]) / t
-        v0, v1 = borders.v[starts], borders.v[starts + m]
-        return t, v0, (6 * mean - 4 * v0 - 2 * v1) / t, (4 * v1 + 2 * v0 - 6 * mean) / t
-
-    t, v0, a0, a1 = cubic(starts)
-    gentle = np.maximum(_squares(a0 @ to_mm), _squares(a1 @ to_mm)) <= (steepest * 1.001) ** 2
-    if not gentle.all():
-        starts = starts[gentle]
-        t, v0, a0, a1 = t[gentle], v0[gentle], a0[gentle], a1[gentle]
-    jerk = (a1 - a0) / t
-    x0, v1 = borders.x[starts], borders.v[starts + m]
-    good = np.ones(len(starts), dtype=np.bool_)
-    low, high = np.minimum(v0, v1), np.maximum(v0, v1)
-    for inner in range(1, m):
-        s = (time[starts + inner] - time[starts])[:, None].astype(np.float64)
-        off = np.abs(x0 + s * (v0 + s * (a0 / 2 + s * jerk / 6)) - borders.x[starts + inner])
-        good &= (off * _BETWEEN <= tolerance).all(axis=1)
-        low, high = np.minimum(low, borders.v[starts + inner]), np.maximum(high, borders.v[starts + inner])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turn = np.where(jerk != 0, -a0 / jerk, 0.0)
-    turn = np.clip(turn, 0.0, t)
-    middle = v0 + turn * (a0 + turn * jerk / 2)
-    # A dip of a thousandth of the speed is held back when it is quantised; more would be a turn.
-    slack = np.maximum(_STILL, SLACK * np.maximum(np.abs(low), np.abs(high)))
-    turns = ((low >= -slack) & (middle < -slack)) | ((high <= slack) & (middle > slack))
-    return starts[good & ~turns.any(axis=1)]
+def _off(borders: Borders, time: Ints, starts: Ints, m: int) -> Array:
+    """How far the cubics over `m` pieces, their ends the plan's, are off it at up to three places in between."""
+    t = (time[starts + m] - time[starts])[:, None].astype(np.float64)
+    x0, x1, v0, v1 = borders.x[starts], borders.x[starts + m], borders.v[starts], borders.v[starts + m]
+    off = np.zeros(len(starts))
+    for inner in sorted({max(m // 4, 1), m // 2, m - max(m // 4, 1)}):
+        u = (time[starts + inner] - time[starts])[:, None] / t
+        cubic = x0 + u * u * (3 - 2 * u) * (x1 - x0) + u * (1 - u) * t * ((1 - u) * v0 - u * v1)
+        off = np.maximum(off, np.abs(cubic - borders.x[starts + inner]).max(axis=1))
+    return off
 
 
-def _squares(vectors: Array) -> Array:
-    return np.asarray((vectors * vectors).sum(axis=1))
-
-
-def stretched(borders: Borders, factor: float) -> Borders:
-    """The same path, `factor` times as slow: whole ticks, rates in proportion."""
-    # Borders are rounded to ticks, not durations: nothing adds up, and no piece becomes empty as factor >= 1.
-    time = np.rint(np.concatenate(([0], np.cumsum(borders.ticks))) * factor).astype(np.int64)
-    return Borders(borders.x, borders.v / factor, np.diff(time))
+def _fitted(plan: Plan, kept: Ints, allowed: Array) -> Borders:
+    """The best motion over these borders, with shorter pieces where it is not good enough. `allowed` (n,) per plan's piece."""
+    if len(kept) == len(plan.borders) + 1:
+        return plan.borders
+    pinned = np.zeros(len(plan.borders) + 1, dtype=np.bool_)
+    pinned[[0, -1]] = True
+    for fits in range(_MOST_FITS):
+        fitted = fit(plan, kept, pinned[kept])
+        # What its neighbours may be off, a piece may be too: the fit spreads it.
+        limit = np.maximum.reduceat(allowed, kept[:-1])
+        limit = np.maximum(limit, np.maximum(np.append(limit[1:], 0.0), np.append(0.0, limit[:-1])))
+        starts, ends = kept[:-1], kept[1:]
+        single, held, far = ends - starts == 1, pinned[starts] & pinned[ends], fitted.off > limit
+        bad = (far | fitted.bad) & ~(single & held)
+        if not bad.any():
+            return fitted.borders
+        if fits < _HALVED:
+            # Ends that are the plan's own keep a piece from turning back; if they are already, or it is too far off, it is cut.
+            halves = bad & ~single & (held | far)
+            pinned[starts[bad & ~halves]] = pinned[ends[bad & ~halves]] = True
+            kept = np.union1d(kept, (starts[halves] + ends[halves]) // 2)
+        else:
+            for first, last in zip(starts[bad].tolist(), ends[bad].tolist(), strict=True):
+                pinned[first : last + 1] = True
+            kept = np.union1d(kept, np.flatnonzero(pinned))
+    return plan.borders

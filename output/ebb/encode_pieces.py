@@ -137,6 +137,13 @@ def subdivide(borders: Borders, parts: Ints) -> Borders:
     return Borders(np.vstack((x, borders.x[-1:])), np.vstack((v, borders.v[-1:])), end - begin)
 
 
+def stretched(borders: Borders, factor: float) -> Borders:
+    """The same path, `factor` times as slow: whole ticks, rates in proportion."""
+    # Borders are rounded to ticks, not durations: nothing adds up, and no piece becomes empty as factor >= 1.
+    time = np.rint(np.concatenate(([0], np.cumsum(borders.ticks))) * factor).astype(np.int64)
+    return Borders(borders.x, borders.v / factor, np.diff(time))
+
+
 def along(borders: Borders, piece: Ints, tick: Array) -> tuple[Array, Array]:
     """Position and rate (m, 2) at `tick` (m,) ticks into each of the pieces `piece` (m,)."""
     j = jerks(borders)[piece]
@@ -161,7 +168,7 @@ def cubics_of(borders: Borders) -> Cubics:
 
     jerk, accel = _paired(borders, exact_jerk, jerk, accel)
 
-    slowest, fastest = _extremes(v0, (v1 - v0) / t - exact_jerk * t / 2, exact_jerk, t)
+    slowest, fastest = extremes(v0, (v1 - v0) / t - exact_jerk * t / 2, exact_jerk, t)
     if max(fastest.max(initial=0.0), -slowest.min(initial=0.0)) > ONE_STEP * 1.0000001:
         speed = max(fastest.max(), -slowest.min()) / ONE_STEP / TICK_S
         raise BadCommand(f"a motor would have to step at {speed:.0f} Hz, the board steps at most at 25000 Hz; plan slower")
@@ -199,7 +206,7 @@ def _paired(borders: Borders, exact_jerk: Array, jerk: Ints, accel: Ints) -> tup
     return jerk, accel
 
 
-def _extremes(v0: Array, a: Array, j: Array, t: Array) -> tuple[Array, Array]:
+def extremes(v0: Array, a: Array, j: Array, t: Array) -> tuple[Array, Array]:
     """Least and greatest rate of each cubic."""
     v1 = v0 + t * (a + t * j / 2)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -20,7 +20,7 @@ from output.ebb.commands import Command
 from output.ebb.estimate import Tally
 from output.ebb.firmware import Firmware
 from output.ebb.program import Mark
-from output.ebb.queue_model import QueueModel, QueueSetup, queue_setup, service_s
+from output.ebb.queue_forecast import QueueForecast, QueueSetup, queue_setup, service_s
 from output.ebb.replay import MOVE, Replay, Rows
 from output.ebb.reversals import Reversals
 from output.ebb.verify_compare import Comparison, compare
@@ -48,6 +48,7 @@ class Report:
     """Lengths in mm, times in board seconds; positions in machine millimetres, `final_steps` in physical steps from the start
     of the counters. `bounds_mm` (left, top, right, bottom) is of the ink, `travel_bounds_mm` of everything.
 
+    `lowest_lead_s` is the least motion that is queued while the pen moves, once the queue of `queue_depth` has been full.
     `problems` are reasons not to send it, `warnings` are not. `strokes` are the pen-down polylines, each (n, 2).
     """
 
@@ -76,6 +77,7 @@ class Report:
     predicted_starved_s: float = 0.0
     lowest_lead_s: float | None = None
     lowest_lead_at: int = -1
+    queue_depth: int = 1
     shortest_command_ms: float | None = None
     problems: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -128,10 +130,10 @@ class _Check:
         self.to_mm = np.linalg.inv(kinematics.steps_per_mm).T
         self.origin_mm = origin_mm
         self.keep_strokes = keep_strokes
-        self.queue = QueueModel(queue)
+        self.queue = QueueForecast(queue)
         self.tally = Tally()
         self.reversals = Reversals()
-        self.result = Report(firmware.name)
+        self.result = Report(firmware.name, queue_depth=queue.depth)
         self.last_velocity = np.zeros(2)
         self.ink = _Box()
         self.way = _Box()

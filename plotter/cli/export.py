@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from output.ebb.command_file import write_command_file
-from output.ebb.estimate import estimate
+from output.ebb.verify import verify
 from plotter.board_setup import board_setup
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
@@ -38,7 +38,7 @@ def export(file: str, output: str, **options: Any) -> None:
     tally = PlanTally()
     setup = board_setup(job.settings, job.machine)
     items = list(program(tally.watch(planned(job)), setup))
-    times = estimate(items, setup.firmware)
+    report = verify(items, setup.firmware, setup.kinematics, setup.origin_mm, keep_strokes=False)
     header = {
         "machine": job.machine.name,
         "firmware": job.settings.firmware,
@@ -46,9 +46,10 @@ def export(file: str, output: str, **options: Any) -> None:
         "page_mm": f"{job.drawing.width_mm:.12g} {job.drawing.height_mm:.12g}",
         "placement": job.arranged.placement.written(),
         "settings": _in_force(resolved),
-        "duration_s": f"{times.duration_s:.2f}",
+        "duration_s": f"{report.duration_s:.2f}",
+        "lowest_lead_s": "-" if report.lowest_lead_s is None else f"{report.lowest_lead_s:.2f}",
         "strokes": tally.total.strokes,
-        "commands": times.commands,
+        "commands": report.commands,
     }
     if output == "-":
         write_command_file(sys.stdout, header, items)
@@ -57,7 +58,7 @@ def export(file: str, output: str, **options: Any) -> None:
         write_command_file(output, header, items)
     except OSError as error:
         raise BadInput(f"cannot write {output}: {error.strerror}; give another file with -o") from None
-    click.echo(f"{output}: {times.commands} commands, {spoken_duration(times.duration_s)}")
+    click.echo(f"{output}: {report.commands} commands, {spoken_duration(report.duration_s)}")
 
 
 def _in_force(resolved: ResolvedSettings) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from output.ebb.command_file import read_command_file
 from output.ebb.firmware import firmware
+from output.ebb.queue_forecast import LEAD_S
 from output.ebb.verify import Report, verify
 from output.ebb.verify_compare import Comparison, compare
 from plotter.arrange import Placement
@@ -118,6 +119,15 @@ def _rounded(values: dict[str, Any]) -> dict[str, Any]:
     return {key: round(value, 6) if isinstance(value, float) else value for key, value in values.items()}
 
 
+def _lead(report: Report) -> str:
+    """The least motion that is queued while the pen moves, and whether that is what is wanted of so deep a queue."""
+    assert report.lowest_lead_s is not None
+    said = f"{report.lowest_lead_s * 1000:.0f} ms before command {report.lowest_lead_at + 1}"
+    if report.queue_depth == 1:
+        return f"{said} (this firmware queues one command)"
+    return said if report.lowest_lead_s >= LEAD_S else f"{said} (1 s is wanted, the motion is too dense there)"
+
+
 def _said(file: str, report: Report) -> str:
     lines = [
         f"{file}: {report.commands} commands for firmware {report.firmware}",
@@ -132,7 +142,7 @@ def _said(file: str, report: Report) -> str:
         left, top, right, bottom = report.bounds_mm
         lines.append(f"  drawn area     x {left:.1f} to {right:.1f} mm, y {top:.1f} to {bottom:.1f} mm")
     if report.lowest_lead_s is not None:
-        lines.append(f"  lowest lead    {report.lowest_lead_s * 1000:.0f} ms, {report.predicted_underruns} predicted underruns")
+        lines.append(f"  lowest lead    {_lead(report)}, {report.predicted_underruns} predicted underruns")
     lines += [f"  warning: {warning}" for warning in report.warnings]
     lines += [f"  problem: {problem}" for problem in report.problems]
     return "\n".join(lines)

@@ -90,13 +90,13 @@ def every_tick(motion: Motion, setup: BoardSetup) -> tuple[list[np.ndarray], np.
 
 
 @QUICK
-@given(seed=st.integers(0, 10**6), ticks=st.integers(180, 400), merge=st.sampled_from([0.0, 0.1]))
+@given(seed=st.integers(0, 10**6), ticks=st.integers(180, 400), merge=st.sampled_from([0.0, 0.1, 0.4]))
 def test_at_every_tick_each_motor_is_within_a_step_of_the_plan(seed: int, ticks: int, merge: float) -> None:
     motion = wandering(seed, 60, ticks, step_mm=ticks * 0.004)
     counters, wanted = every_tick(motion, setup_for("3.0.3", sizing=Sizing(merge_steps=merge)))
     assert len(counters[0]) == round(motion.total_s / 40e-6)
     for axis in (0, 1):
-        assert np.abs(counters[axis] - wanted[:, axis]).max() <= 0.5 + merge + 0.17
+        assert np.abs(counters[axis] - wanted[:, axis]).max() <= min(0.5 + merge + 0.17, 1.0)
 
 
 @QUICK

@@ -9,9 +9,7 @@ import pytest
 
 from output.ebb.command_file import command_text
 from output.ebb.commands import EM, LT, SC, SM, SP, SR, T3, TD, XM, Command, MotionCommand
-from output.ebb.encode import BoardSetup, FamilyName, PenCommands, Sizing, encode, epilogue, prologue
-from output.ebb.encode_merge import merge
-from output.ebb.encode_pieces import borders_of
+from output.ebb.encode import BoardSetup, FamilyName, PenCommands, encode, epilogue, prologue
 from output.ebb.firmware import firmware
 from output.ebb.program import LayerMark, Mark, Note, PauseMark, StrokeEnd, StrokeMark
 from output.ebb.verify import verify
@@ -101,22 +99,6 @@ def test_faster_than_25_khz_and_gaps_are_refused() -> None:
     far = wandering(1, 10, start_mm=(5.0, 5.0))
     with pytest.raises(BadCommand, match="the plan has a gap"):
         list(encode([Travel(wandering(2, 10)), Draw(far, 0)], setup_for()))
-
-
-def test_merging_keeps_within_its_tolerance_and_the_motions_own_acceleration() -> None:
-    t = np.linspace(0, 3, 200)
-    motion = spline_motion(np.column_stack((20 * t, 4 * np.sin(3 * t))), 125)
-    borders = borders_of(motion, COREXY, np.zeros(2))
-    to_mm = np.linalg.inv(COREXY.steps_per_mm).T / 2**31
-    for tolerance in (0.01, 0.1, 0.5):
-        merged = merge(borders, 2000, tolerance * 2**31, to_mm)
-        assert len(merged) < len(borders) / 1.5 and merged.ticks.sum() == borders.ticks.sum()
-        assert merged.ticks.max() <= 2000
-        program = list(encode([Draw(motion, 0)], setup_for(sizing=Sizing(merge_steps=tolerance))))
-        exact = list(encode([Draw(motion, 0)], setup_for(sizing=Sizing(merge_steps=0.0))))
-        one, two = verify(program, firmware(), COREXY), verify(exact, firmware(), COREXY)
-        assert one.max_acceleration_mm_s2 <= two.max_acceleration_mm_s2 * 1.01
-    assert merge(borders, 2000, 0.0, to_mm) is borders
 
 
 def test_a_long_straight_cruise_is_one_command() -> None:

@@ -12,7 +12,7 @@ from output.ebb.commands_text import parse_command
 from output.ebb.encode import BoardSetup, PenCommands, encode, epilogue, prologue
 from output.ebb.estimate import estimate
 from output.ebb.firmware import firmware
-from output.ebb.queue_model import QueueSetup
+from output.ebb.queue_forecast import QueueSetup
 from output.ebb.verify import Report, compare, verify
 from planning.motion.plan import Draw
 from tests.output.motion_samples import CARTESIAN, COREXY, drawing, straight

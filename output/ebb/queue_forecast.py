@@ -24,10 +24,12 @@ Array = NDArray[np.float64]
 
 # What a well-behaved host takes from a command's answer to the next command's arrival: two USB frames of 1 ms.
 HOST_S = 0.002
+# How much motion is wanted in a queue that is deep enough for it.
+LEAD_S = 1.0
 # Places of a deep queue that the streamer leaves free, so that a stop is always heard.
 FREE_PLACES = 2
 # Standing still, in mm/s: running dry at less is no stutter.
-_SLOW_MM_S = 0.05
+STILL_MM_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +53,17 @@ def service_s(firmware: Firmware, name: str, load: Array) -> Array:
 
 
 @dataclass(slots=True)
-class QueueModel:
-    """Feed it commands in order; it keeps what it needs of the past. Places are of the queue: a TD is fed as two."""
+class QueueForecast:
+    """Feed it commands in order; it keeps what it needs of the past. Places are of the queue: a TD is fed as two.
+
+    `lowest_lead_s`, before command `lowest_at`, is the lowest lead in motion once the queue has been full; of all motion while
+    it has not. (An empty queue takes its time to fill, however long the commands are.) Underruns are counted from the start.
+    """
 
     setup: QueueSetup
     lowest_lead_s: float = np.inf
     lowest_at: int = -1
+    has_been_full: bool = False
     underruns: int = 0
     starved_s: float = 0.0
     first_underruns: list[tuple[int, float]] = field(default_factory=list)
@@ -65,7 +72,7 @@ class QueueModel:
     _started: list[float] = field(default_factory=list)
     _count: int = 0
 
-    def copy(self) -> QueueModel:
+    def copy(self) -> QueueForecast:
         """The same queue, to try something on."""
         return replace(self, _started=list(self._started), first_underruns=list(self.first_underruns))
 
@@ -76,11 +83,14 @@ class QueueModel:
         queued, end, ring = self._queued_s, self._end_s, self._started or [0.0] * depth
         place = self._count % depth
         leads = np.empty(len(command))
+        filled = 0 if self.has_been_full else len(command)
         for i, (takes, lasts) in enumerate(zip(takes_s.tolist(), duration_s.tolist(), strict=True)):
             queued += takes
             free = ring[place]
             if free > queued:
                 queued = free
+                if i < filled:
+                    filled = i
             leads[i] = end - queued
             start = end if end > queued else queued
             ring[place] = start
@@ -90,18 +100,21 @@ class QueueModel:
                 place = 0
         self._queued_s, self._end_s, self._started = queued, end, ring
         self._count += len(command)
-        self._note(command, leads, speed_mm_s)
+        self._note(command, leads, speed_mm_s, filled)
         return leads
 
-    def _note(self, command: NDArray[np.int64], leads: Array, speed_mm_s: Array) -> None:
-        moving = speed_mm_s > _SLOW_MM_S
-        if not moving.any():
-            return
+    def _note(self, command: NDArray[np.int64], leads: Array, speed_mm_s: Array, filled: int) -> None:
+        moving = speed_mm_s > STILL_MM_S
+        if filled < len(command) and not self.has_been_full:
+            self.has_been_full, self.lowest_lead_s, self.lowest_at = True, np.inf, -1
         shown = np.where(moving, leads, np.inf)
-        lowest = int(np.argmin(shown))
-        if shown[lowest] < self.lowest_lead_s:
-            self.lowest_lead_s, self.lowest_at = float(shown[lowest]), int(command[lowest])
+        counted = shown[filled:] if self.has_been_full else shown
+        if len(counted) and counted.min() < self.lowest_lead_s:
+            lowest = len(command) - len(counted) + int(np.argmin(counted))
+            self.lowest_lead_s, self.lowest_at = float(leads[lowest]), int(command[lowest])
         dry = np.flatnonzero(shown < 0)
+        if not len(dry):
+            return
         self.underruns += len(dry)
         self.starved_s -= float(shown[dry].sum())
         for i in dry[: 5 - len(self.first_underruns)]:

@@ -1,0 +1,144 @@
+"""Merging and slowing down: only where the queue would hold too little, and within what is promised."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from output.ebb.arithmetic import ONE_STEP
+from output.ebb.encode import BoardSetup, PenCommands, Sizing, encode, prologue
+from output.ebb.encode_merge import merge
+from output.ebb.encode_pieces import Borders, along, borders_of
+from output.ebb.encode_slow import slowed
+from output.ebb.firmware import firmware
+from output.ebb.program import Note
+from output.ebb.verify import compare, verify
+from planning.motion.plan import Draw, Lift, Lower, Motion
+from tests.output.motion_samples import COREXY, spline_motion, wandering
+
+PEN = PenCommands(16000, 24000, 400, 300)
+TO_MM = np.linalg.inv(COREXY.steps_per_mm).T / ONE_STEP
+
+
+def everywhere(ticks: np.ndarray) -> np.ndarray:
+    return np.ones(len(ticks), dtype=np.bool_)
+
+
+def at_every_tick(borders: Borders) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and rates in steps after each tick."""
+    time = np.concatenate(([0], np.cumsum(borders.ticks)))
+    tick = np.arange(int(time[-1]))
+    piece = np.searchsorted(time, tick, side="right") - 1
+    x, v = along(borders, piece, (tick - time[piece]).astype(np.float64))
+    return x / ONE_STEP, v / ONE_STEP
+
+
+def accelerations(borders: Borders) -> np.ndarray:
+    """mm/s^2 in the middle of each tick."""
+    return np.asarray(np.hypot(*(np.diff(at_every_tick(borders)[1], axis=0) @ (TO_MM * ONE_STEP)).T) / 40e-6**2)
+
+
+def corners(count: int, ticks: int = 200) -> Motion:
+    """Corners one after the other, rounded as a plan rounds them: a turn every 14 knots."""
+    rng = np.random.default_rng(4)
+    heading = np.repeat(rng.uniform(0, 6.28, count // 14 + 1), 14)[:count]
+    steps = 0.4 * np.column_stack((np.cos(heading), np.sin(heading)))
+    smooth = np.column_stack([np.convolve(steps[:, k], np.hanning(9) / np.hanning(9).sum(), "same") for k in (0, 1)])
+    return spline_motion(np.vstack((np.zeros((1, 2)), np.cumsum(smooth, axis=0))), ticks)
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 10**6), ticks=st.integers(120, 300), most=st.sampled_from([0.02, 0.1, 0.4]))
+def test_merged_motion_stays_within_its_tolerance_at_every_tick(seed: int, ticks: int, most: float) -> None:
+    borders = borders_of(wandering(seed, 80, ticks, step_mm=ticks * 0.002), COREXY, np.zeros(2))
+    merged = merge(borders, most, everywhere, TO_MM)
+    assert merged.ticks.sum() == borders.ticks.sum() and len(merged) <= len(borders)
+    (x, v), (wanted, rates) = at_every_tick(merged), at_every_tick(borders)
+    # Between the three places of each piece that are looked at, a hair more.
+    assert np.abs(x - wanted).max() <= most * 1.1
+    for end in (0, -1):
+        np.testing.assert_allclose(merged.x[end], borders.x[end], atol=8.0)
+        np.testing.assert_allclose(merged.v[end], borders.v[end], atol=0.01)
+    assert accelerations(merged).max() <= 1.3 * accelerations(borders).max()
+    for axis in (0, 1):
+        if rates[:, axis].min() >= 0:
+            assert v[:, axis].min() >= -3e-3 * np.abs(rates[:, axis]).max()
+
+
+def test_a_merged_axis_does_not_turn_back_where_the_plan_does_not() -> None:
+    t = np.linspace(0, 3, 150)
+    borders = borders_of(spline_motion(np.column_stack((t**2, 0.02 * t)), 150), COREXY, np.zeros(2))
+    merged = merge(borders, 0.4, everywhere, TO_MM)
+    assert len(merged) < len(borders) / 3
+    assert at_every_tick(merged)[1].min() >= -1e-6
+
+
+def test_pieces_are_merged_only_where_they_are_asked_for() -> None:
+    borders = borders_of(corners(300), COREXY, np.zeros(2))
+
+    def late(ticks: np.ndarray) -> np.ndarray:
+        return np.asarray(np.cumsum(ticks) > 30000)
+
+    merged = merge(borders, 0.4, late, TO_MM)
+    same = int(np.argmax(merged.ticks != borders.ticks[: len(merged)]))
+    assert 145 <= same <= 151 and len(merged) < 240
+    assert np.abs(at_every_tick(merged)[0] - at_every_tick(borders)[0])[:29000].max() < 0.01
+    assert merge(borders, 0.0, everywhere, TO_MM) is borders
+
+
+def test_dense_corners_get_twice_the_lead_and_calm_lines_all_of_it() -> None:
+    leads = {}
+    t = np.linspace(0, 25, 1300)
+    calm = spline_motion(np.column_stack((3 * t, 4 * np.sin(t))), 200)
+    for name, motion in (("corners", corners(900)), ("calm", calm)):
+        for merge_steps in (0.0, 0.4):
+            setup = BoardSetup(COREXY, firmware(), PEN, sizing=Sizing(merge_steps=merge_steps))
+            program = [*prologue(setup), *encode([Lower(0.5, 0), Draw(motion, 0), Lift(0.1)], setup)]
+            report = verify(program, setup.firmware, COREXY)
+            apart = compare(report.strokes, [motion.sample(np.linspace(0, motion.total_s, 40000))[0]], 0.005)
+            leads[name, merge_steps] = report.lowest_lead_s or 0.0
+            assert max(apart.drawn.max_mm, apart.wanted.max_mm) * 80 < (0.4 if name == "calm" else 0.75)
+    assert leads["corners", 0.4] > 1.8 * leads["corners", 0.0] and leads["calm", 0.4] >= 0.98
+
+
+def test_only_what_is_too_dense_is_slowed_down() -> None:
+    rng = np.random.default_rng(3)
+    t = np.linspace(0, 8, 700)
+    calm = np.column_stack((20 * t, 5 * np.sin(t)))
+    scribble = calm[-1] + np.cumsum(rng.normal(0, 0.15, (400, 2)), axis=0)
+    motion = spline_motion(np.vstack((np.zeros((1, 2)), calm, scribble, calm + scribble[-1])), 60)
+    setup = BoardSetup(COREXY, firmware(), PEN)
+    program = [*prologue(setup), *encode([Lower(0.1, 0), Draw(motion, 0), Lift(0.1)], setup)]
+    notes = [item.text for item in program if isinstance(item, Note)]
+    report = verify(program, setup.firmware, COREXY)
+    assert len(notes) == 1 and "of a motion slowed by up to" in notes[0] and "3.0.3" in notes[0]
+    assert report.sendable and report.predicted_underruns == 0
+    # Slowed as a whole it would take more than twice its 4.3 s.
+    assert motion.total_s * 1.1 < report.pen_down_s < motion.total_s + 1.6
+    apart = compare(report.strokes, [motion.sample(np.linspace(0, motion.total_s, 40000))[0]], 0.005)
+    assert max(apart.drawn.max_mm, apart.wanted.max_mm) * 80 < 0.6
+
+
+def test_slowing_down_changes_time_alone() -> None:
+    t = np.linspace(0, 12, 600)
+    borders = borders_of(spline_motion(np.column_stack((5 * t, 3 * np.sin(t))), 200), COREXY, np.zeros(2))
+    need = np.ones(len(borders))
+    need[300:320] = 2.5
+    slower = slowed(borders, need)
+    longer = slower.ticks / borders.ticks
+    assert (longer[300:320] >= 2.49).all() and (longer[:200] == 1).all() and (longer[400:] == 1).all() and longer.min() == 1
+    np.testing.assert_array_equal(slower.x, borders.x)
+    one, other = at_every_tick(slower)[0], at_every_tick(borders)[0]
+    assert compare([one @ (TO_MM * ONE_STEP)], [other @ (TO_MM * ONE_STEP)], 0.002).drawn.max_mm * 80 < 0.15
+    assert accelerations(slower).max() < 1.6 * accelerations(borders).max()
+    assert slowed(borders, np.ones(len(borders))).ticks.tolist() == borders.ticks.tolist()
+
+
+@pytest.mark.parametrize("version", ["3.0.3", "3.0.0"])
+def test_the_lead_is_said_once_the_queue_has_been_full(version: str) -> None:
+    setup = BoardSetup(COREXY, firmware(version), PEN)
+    program = [*prologue(setup), *encode([Lower(0.1, 0), Draw(corners(900), 0), Lift(0.1)], setup)]
+    report = verify(program, setup.firmware, COREXY)
+    assert report.queue_depth == 30 and (report.lowest_lead_s or 0) > 0.3 and report.lowest_lead_at > 30
