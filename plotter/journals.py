@@ -15,13 +15,14 @@ from output.ebb.commands import Command
 from output.ebb.encode import BoardSetup, encode, epilogue, prologue
 from output.ebb.journal import PlotState, differences, load
 from output.ebb.program import Mark
-from planning.geometry.remainder import remainder
+from output.ebb.resume import Place
+from planning.geometry.remainder import OVERLAP_MM, remainder
 from planning.geometry.stroke import Layer
 from planning.motion.plan import Action, Draw, Lower
 from planning.motion.planner import plan
 from plotter.board_setup import HOME_MM
 from plotter.errors import BadInput
-from plotter.pipeline import Job, motion_settings, prepare
+from plotter.pipeline import Job, motion_settings, planned, prepare
 from plotter.settings import Settings
 from plotter.svg.options import Budgets, ReadOptions
 
@@ -92,15 +93,44 @@ class Part:
         )
 
 
-def part_program(job: Job, setup: BoardSetup, part: Part) -> Iterator[Command | Mark]:
-    """The program of a resumed part: counters go on from where the board stands, strokes keep their numbers of the whole."""
-    start_mm = np.array(part.start_mm)
-    yield from prologue(setup, keep_counters=not part.homed)
+def part_program(job: Job, setup: BoardSetup, part: Part | None) -> Iterator[Command | Mark]:
+    """The whole program of a part; None is the first one. The same facts make the same program."""
+    yield from part_beginning(setup, part)
+    yield from encode(part_actions(job, part), setup)
+    yield from epilogue(setup)
+
+
+def part_beginning(setup: BoardSetup, part: Part | None) -> Iterator[Command | Mark]:
+    """The board's set-up; on a resumed part the counters go on from where the board stands."""
+    return prologue(setup, keep_counters=part is not None and not part.homed)
+
+
+def part_actions(job: Job, part: Part | None) -> Iterator[Action]:
+    """The Plan of a part. Strokes keep the numbers that they have in the whole plot."""
+    if part is None:
+        return planned(job)
     layers, first = layers_left(job.layers, part)
     end_mm = HOME_MM if job.settings.end == "home" else None
-    actions = plan(layers, motion_settings(job.settings, job.machine), start_mm, end_mm)
-    yield from encode(_numbered_from(first, actions), setup)
-    yield from epilogue(setup)
+    return _numbered_from(first, plan(layers, motion_settings(job.settings, job.machine), np.array(part.start_mm), end_mm))
+
+
+def part_after(setup: BoardSetup, before: Part | None, place: Place, homed: bool = False) -> Part:
+    """What is left to draw when part `before` has come as far as `place`, and the pen is there, or at home when `homed`."""
+    scale = float(np.sqrt(abs(np.linalg.det(setup.kinematics.steps_per_mm))))
+    drawn_mm = place.drawn_steps / scale if place.stroke is not None else 0.0
+    left_mm = position_mm(setup, place.steps)
+    start_mm = (0.0, 0.0) if homed else left_mm
+    if before is not None and before.stroke == place.next_stroke and before.drawn_mm:
+        if not drawn_mm:
+            return replace(before, start_mm=start_mm, homed=homed)
+        drawn_mm += max(before.drawn_mm - OVERLAP_MM, 0.0)
+    return Part(place.next_stroke, drawn_mm, left_mm, start_mm, homed)
+
+
+def position_mm(setup: BoardSetup, steps: tuple[int, int]) -> tuple[float, float]:
+    """Where the pen is when the motors' counters are `steps`, in machine millimetres."""
+    x, y = setup.kinematics.millimetres(np.array([steps], dtype=float))[0] + setup.origin_mm
+    return float(x), float(y)
 
 
 def layers_left(layers: tuple[Layer, ...], part: Part) -> tuple[tuple[Layer, ...], int]:

@@ -25,6 +25,9 @@ class StopFlag:
         self.signal_number: int | None = None
         self.hurry = False
         self.pause_reason: str | None = None
+        self.pause_signal: int | None = None
+        self.leave_asked = False
+        self.home_asked = False
         self._wakers: tuple[Callable[[], None], ...] = ()
 
     @property
@@ -39,15 +42,25 @@ class StopFlag:
             self.hurry = True
         self._wake()
 
-    def pause(self, reason: str) -> None:
+    def pause(self, reason: str, signal_number: int | None = None) -> None:
         """Hold the plot, pen up, at the next place where that can be done; `go` ends it."""
-        self.pause_reason = reason
+        self.pause_reason, self.pause_signal = reason, signal_number
         self._wake()
 
     def go(self) -> None:
         """Go on after a pause."""
-        self.pause_reason = None
+        self.pause_reason = self.pause_signal = None
         self._wake()
+
+    def leave(self) -> None:
+        """End the stream at the pause instead of waiting in it, pen up and motors on."""
+        self.leave_asked = True
+        self._wake()
+
+    def go_home(self) -> None:
+        """Leave the pause for the home position; whoever streams sees to the way there."""
+        self.home_asked = True
+        self.leave()
 
     @contextlib.contextmanager
     def waking(self, wake: Callable[[], None]) -> Iterator[None]:
@@ -64,8 +77,10 @@ class StopFlag:
 
 
 @contextlib.contextmanager
-def signals_stop(flag: StopFlag) -> Iterator[None]:
+def signals_stop(flag: StopFlag, *, pauses: bool = False) -> Iterator[None]:
     """SIGINT, SIGTERM and SIGHUP ask `flag` to stop instead of ending the program; the old handlers come back afterwards.
+
+    With `pauses`, SIGINT pauses first and stops when it comes again.
 
     Only the main thread may set handlers; elsewhere this does nothing, and whoever runs the thread owns the signals.
     """
@@ -74,7 +89,10 @@ def signals_stop(flag: StopFlag) -> Iterator[None]:
         return
 
     def handler(number: int, _frame: object) -> None:
-        flag.stop(f"stopped by {signal.Signals(number).name}", number)
+        if pauses and number == signal.SIGINT and flag.pause_reason is None and flag.reason is None:
+            flag.pause("paused by Ctrl-C", number)
+        else:
+            flag.stop(f"stopped by {signal.Signals(number).name}", number)
 
     before = {}
     for name in _SIGNALS:

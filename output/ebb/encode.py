@@ -107,7 +107,7 @@ def encode(actions: Iterable[Action], setup: BoardSetup) -> Iterator[Command | M
 
     Raises BadCommand when the firmware lacks the commands asked for, or a motor would have to step faster than 25 kHz.
     """
-    encoder = _Encoder(setup)
+    encoder = Encoder(setup)
     for action in actions:
         yield from encoder.action(action)
 
@@ -119,13 +119,21 @@ def _pen(value: int, wait_s: float, setup: BoardSetup) -> SP:
     return SP(value, wait_ms or None)
 
 
-class _Encoder:
-    """Carries what the board will have executed from one action to the next."""
+class Encoder:
+    """Carries what the board will have executed from one action to the next. It begins at the first motion's start, or in the
+    given `state`, which may be in the middle of a motion."""
 
-    def __init__(self, setup: BoardSetup) -> None:
+    def __init__(self, setup: BoardSetup, state: State | None = None) -> None:
         self.setup = setup
         self.family: Family = encode_families.choose(setup.family, setup.firmware, setup.kinematics, setup.sizing)
-        self.started = False
+        self.started = state is not None
+        if state is not None:
+            self.family.state = state
+
+    @property
+    def state(self) -> State:
+        """Counters and accumulators after everything encoded so far."""
+        return self.family.state
 
     def action(self, action: Action) -> Iterator[Command | Mark]:
         match action:

@@ -78,13 +78,16 @@ class Cubics(NamedTuple):
 
 
 def borders_of(motion: Motion, kinematics: Kinematics, origin_mm: Array) -> Borders:
-    """The motion's borders, its ends moved into the middle 7/8 of their step so that they round to one step for certain."""
+    """The motion's borders; where it begins or ends at rest, moved into the middle 7/8 of their step so that they round to one
+    step for certain."""
     ticks = np.maximum(np.rint(motion.duration_s / TICK_S).astype(np.int64), 1)
     points_mm = np.vstack((motion.position_mm, motion.end_mm[None, :]))
     velocity_mm_s = np.vstack((motion.velocity_mm_s, np.zeros((1, 2))))
+    at_rest = not motion.velocity_mm_s[:1].any()
     x = kinematics.steps(points_mm - origin_mm)
     v = kinematics.steps(velocity_mm_s) * TICK_S
-    shift_start, shift_end = settled(x[0]) - x[0], settled(x[-1]) - x[-1]
+    shift_start = settled(x[0]) - x[0] if at_rest else np.zeros(2)
+    shift_end = settled(x[-1]) - x[-1]
     if shift_start.any() or shift_end.any():
         # Spread the shift over the way that the axis goes: its velocity is scaled a little and keeps its sign.
         way = np.vstack((np.zeros((1, 2)), np.cumsum(np.abs(np.diff(x, axis=0)), axis=0)))

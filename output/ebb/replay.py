@@ -254,7 +254,8 @@ class Replay:
         if done.overflow:
             self._overflow(command.wire())
         counter = self.counters()
-        primes = isinstance(command, LT) and command == LT(1, HALF, 0, HALF, 0) and done.state.position == self._state.position
+        set_half = command in (LT(1, HALF, 0, HALF, 0), LT(1, HALF, 0, HALF, 0, 3))
+        primes = set_half and done.state.position == self._state.position
         kind = WAIT if primes else MOVE
         for i, segment in enumerate(done.segments):
             if i:

@@ -72,18 +72,20 @@ def position_lost(board: Board, state: PlotState) -> str | None:
 
 
 def find_place(
-    program: Program, firmware: Firmware, state: PlotState, steps: Steps | None, start: Steps = (0, 0)
+    program: Program, firmware: Firmware, state: PlotState, steps: Steps | None, start: Steps = (0, 0), first: int = 0
 ) -> Place | None:
     """Where in `program` a board stands whose counters are `steps`, searched only where the journal allows.
 
     With `steps` None the position is not known: the place is after the last command that is executed for certain, which may
     draw up to the queue's length twice but leaves no gap. None when the counters fit nowhere: they were changed since.
-    `start` is where the counters stood when the program began. The earliest place is taken where several fit. Where none does,
+    `start` is where the counters stood when the program began, `first` the stroke that it begins with. The earliest place is taken where several fit. Where none does,
     because a hold on the path has replaced commands since the part began, a place on the stroke that was being drawn is taken.
     Linear in the commands of the program up to the place.
     """
+    if state.sent == 0 and steps in (None, start):
+        return Place(0, None, False, start, 0.0, first)
     elsewhere: Place | None = None
-    for piece in _pieces(program, firmware, start):
+    for piece in _pieces(program, firmware, start, first):
         if piece.index < state.executed - 1 or (steps is not None and piece.index >= state.sent):
             on_stroke = state.stroke is not None and piece.stroke == state.stroke and piece.pen_down
             if steps is not None and elsewhere is None and on_stroke and _between(piece, steps):
@@ -122,10 +124,10 @@ def _between(piece: _Piece, steps: Steps) -> bool:
     )
 
 
-def _pieces(program: Program, firmware: Firmware, start: Steps) -> Iterator[_Piece]:
+def _pieces(program: Program, firmware: Firmware, start: Steps, first: int) -> Iterator[_Piece]:
     """The program's commands with the counters before and after each, by the firmware's arithmetic."""
     execute = arithmetic_old.execute if firmware.old_arithmetic else arithmetic.execute
-    state, stroke, down, drawn, index, coming = State(position=start), None, False, 0.0, 0, 0
+    state, stroke, down, drawn, index, coming = State(position=start), None, False, 0.0, 0, first
     for item in program:
         if isinstance(item, StrokeMark):
             stroke, drawn, coming = item.index, 0.0, item.index

@@ -42,7 +42,8 @@ def _token_question(slot: int | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class StreamResult:
-    """How a stream ended. `outcome` is "done" (everything executed) or "stopped" (the stop flag; `reason` says by whom).
+    """How a stream ended. `outcome` is "done" (everything executed), "held" (`hold` has brought the pen to rest on the path and
+    up; the motors hold), "left" (a pause between strokes was left) or "stopped" (the stop flag). `reason` says who asked.
 
     `steps` are both motors' positions as the board counted them at the end, None when it could not be asked; after a stop in
     mid-move they are counted but physically suspect. `stop` is what became of the safe stop, None when the plot was done.
@@ -238,10 +239,11 @@ class Board:
         """Sends `program` and returns when the board has executed it, or when `stop` ended it.
 
         On every other way out than "done" the motion is stopped and the pen raised first; a stop by the operator also lets go
-        of the motors unless `free_motors` is False. In the main thread, SIGINT, SIGTERM and SIGHUP set `stop` meanwhile.
+        of the motors unless `free_motors` is False. In the main thread, SIGINT, SIGTERM and SIGHUP set `stop` meanwhile; with
+        `hold` the first SIGINT only pauses.
         Raises what the program raised, BoardRefused, BadCommand or LinkLost, with the safe stop's report in `last_stop`.
         """
-        with signals_stop(stop), stop.waking(self._talk.port.wake):
+        with signals_stop(stop, pauses=hold is not None), stop.waking(self._talk.port.wake):
             streamer: Streamer | None = None
             try:
                 if stop.requested:
@@ -263,7 +265,8 @@ class Board:
                     board_speed=self._board_speed,
                 )
                 progress = streamer.run()
-                return StreamResult("done", "", progress, self.steps())
+                outcome = "left" if streamer.left else "held" if streamer.held else "done"
+                return StreamResult(outcome, progress.message, progress, self.steps())
             except StopRequested:
                 report = self.safe_stop(free_motors=free_motors)
                 progress = streamer.progress if streamer is not None else Progress()

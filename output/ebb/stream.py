@@ -109,8 +109,10 @@ class Streamer:
     """One run of one program. `run` returns when everything has been executed; it raises StopRequested, what the program
     raised, BoardRefused or LinkLost. It never raises the pen itself: its caller does, on every way out.
 
-    `hold(taken)` may replace what remains of the program, `taken` items having been sent, by one that first slows down along
-    the path, lifts and holds a PauseMark; without it, or when it returns None, a pause waits for the next stroke's beginning.
+    A pause takes effect at a PauseMark or before the next stroke. `hold(taken)` may do better: return what to send in place of
+    the rest of the program, `taken` items having been sent, to slow down along the path and lift. `held` is then True, and
+    `run` returns when that has been executed. It is asked again as the program goes on for as long as it returns None.
+    `left` is True when `run` returned from a pause because that was asked for.
     """
 
     def __init__(
@@ -149,9 +151,11 @@ class Streamer:
         self._next_poll_at = 0.0
         self._next_progress_at = 0.0
         self._next_place_at = 0.0
+        self._token_asked = self._token_seen = -1  # commands sent when the token was asked for, and seen
         self._button_at: deque[float] = deque(maxlen=_BUTTON_PRESSES)
         self._idle = True
-        self._hold_asked = False
+        self.held = self.left = False
+        self._hold_tried_at = -1
         self._oldest_since = 0.0
         self._oldest = 0
 
@@ -175,6 +179,8 @@ class Streamer:
             self._producer.close()
 
     def _finished(self) -> bool:
+        if self.left:
+            return not self._poll
         done = self._producer.exhausted and not self._in_flight and not self._poll and self.model.is_empty
         return done and self._idle and self.progress.state is State.RUNNING and not self._marks
 
@@ -207,6 +213,8 @@ class Streamer:
             # wherever the travel was cut off. The pen is at rest before it is lowered, so that waiting costs milliseconds.
             if not (self.model.is_empty and self._idle and not self._in_flight):
                 return False
+            if _may_lower(command) and not self._knows_board():
+                return False
             self.model.expect_idle()
             return True
         if _may_lower(command) and self._talk.pending:
@@ -222,6 +230,16 @@ class Streamer:
         if self.model.room() < command.fifo_entries:
             return False
         return lead_s * self._speed < LEAD_S or self.model.sent - self.model.completed < 3
+
+    def _knows_board(self) -> bool:
+        """Whether the token has been seen since the last command went out; asks for it when not.
+
+        Firmware 2 shows a restart in nothing else, and lowered there, the pen would draw beside its place.
+        """
+        if self._token is None or self._token_seen == self.progress.commands_sent:
+            return True
+        self._next_place_at = self._next_poll_at = self._talk.clock()
+        return False
 
     def _send(self, command: Command) -> None:
         wire = command.wire()
@@ -256,6 +274,7 @@ class Streamer:
         questions.append(self._abilities.status_query)
         if self._talk.clock() >= self._next_place_at:
             self._next_place_at = self._talk.clock() + _PLACE_EVERY_S
+            self._token_asked = self.progress.commands_sent
             questions += ["QS"] if self._token is None else ["QS", self._token[0]]
         for question in questions:
             self._poll[self._talk.send(question)] = question
@@ -303,6 +322,8 @@ class Streamer:
                 f"the board restarted during {self._where()}, so that its position is lost: check its power supply, home the "
                 "machine, and resume"
             )
+        if self._token is not None and self._token[0] in self._answers:
+            self._token_seen = self._token_asked
 
     def _button_pressed(self) -> None:
         now = self._talk.clock()
@@ -378,26 +399,29 @@ class Streamer:
     def _follow_pause(self) -> None:
         state = self.progress.state
         if state is State.RUNNING and self._stop.pause_reason is not None:
-            if not self._hold_asked:
-                self._hold_asked = True
-                self._hold_on_path()
+            self._hold_on_path()
         elif state is State.HOLDING and self.model.is_empty and self._idle and not self._in_flight:
             self.model.expect_idle()
             self._apply_marks()
             self._set(state=State.PAUSED)
             self._report(always=True)
+        elif state is State.PAUSED and self._stop.leave_asked:
+            self._stop.leave_asked, self.left = False, True
         elif state is State.PAUSED and self._stop.pause_reason is None:
-            self._hold_asked = False
             self._set(state=State.RUNNING, message="")
             self._report(always=True)
 
     def _hold_on_path(self) -> None:
-        rest = None if self._hold is None else self._hold(self._taken)
+        if self._hold is None or self.held or self._hold_tried_at == self._taken:
+            return
+        self._hold_tried_at = self._taken
+        rest = self._hold(self._taken)
         if rest is None:
             return
+        self.held = True
         self._producer.close()
         self._producer = Producer(rest, self._talk.port.wake)
-        self._taken = 0
+        self._set(message=self._stop.pause_reason or "")
 
     # reporting
 

@@ -71,7 +71,7 @@ def stop_on_path(motion: Motion, from_s: float, limits: Limits) -> tuple[Motion,
             at = start + np.interp(knots * TICK_S, ramp.tau_s, ramp.plan_s)
             found = _fitted(motion, knots, at, limits)
             if found is not None:
-                return _after(_part(motion, begin, start), found), start + float(ramp.plan_s[-1])
+                return joined(_part(motion, begin, start), found), start + float(ramp.plan_s[-1])
             gentle *= GENTLER
     return _part(motion, begin, total), total
 
@@ -108,7 +108,7 @@ def resume_on_path(motion: Motion, at_s: float, limits: Limits) -> Motion:
         at = at_s + np.interp(knots * TICK_S - wait, tau, plan)
         found = _fitted(motion, knots, at, limits, from_rest=True)
         if found is not None:
-            return _after(found, _part(motion, join, total))
+            return joined(found, _part(motion, join, total))
     raise ImpossiblePlan(
         f"no start from rest at plan time {at_s:.6g} s of a {total:.6g} s motion keeps its limits; "
         "lift the pen and redraw the stroke"
@@ -247,12 +247,12 @@ def _part(motion: Motion, from_s: float, to_s: float) -> Motion:
     return Motion(duration, position, velocity, acceleration, motion.jerk_mm_s3[low:high], end)
 
 
-def _after(first: Motion, second: Motion) -> Motion:
+def joined(first: Motion, second: Motion) -> Motion:
     """Two motions, the second starting where and as the first ends."""
     if not len(second):
         return replace(first, end_mm=second.end_mm)
     if not len(first):
         return second
     names = ("duration_s", "position_mm", "velocity_mm_s", "acceleration_mm_s2", "jerk_mm_s3")
-    joined = [np.concatenate((getattr(first, name), getattr(second, name))) for name in names]
-    return Motion(joined[0], joined[1], joined[2], joined[3], joined[4], second.end_mm)
+    values = [np.concatenate((getattr(first, name), getattr(second, name))) for name in names]
+    return Motion(values[0], values[1], values[2], values[3], values[4], second.end_mm)

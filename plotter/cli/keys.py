@@ -1,4 +1,4 @@
-"""Keys while a plot runs: `p` pauses and goes on, `q` stops. Only when stdin is a terminal."""
+"""Keys while a plot runs: `p` pauses and goes on, `h` goes home and waits, `q` stops. Only when stdin is a terminal."""
 
 from __future__ import annotations
 
@@ -57,11 +57,15 @@ def _listen(descriptor: int, end: int, stop: StopFlag) -> None:
 
 
 def press(key: str, stop: StopFlag) -> None:
-    """What a key does: `p` or space pauses, and goes on when paused; `q` stops."""
+    """What a key does: `p` or space pauses, and goes on when paused; `h` pauses and goes home; `q` stops."""
     if key in ("p", " "):
         if stop.pause_reason is None:
-            stop.pause("paused by key: p goes on, q stops")
+            stop.pause("paused by key")
         else:
             stop.go()
+    elif key == "h":
+        if stop.pause_reason is None:
+            stop.pause("paused by key")
+        stop.go_home()
     elif key == "q":
         stop.stop("stopped by key")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,20 +13,19 @@ import numpy as np
 
 from output.ebb.journal import Journal
 from output.ebb.ports import choose_port
-from output.ebb.session import StreamResult, connect
+from output.ebb.session import connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from planning.motion.limits import Kinematics
-from planning.motion.plan import Action, OperatorPause
 from plotter.board_setup import board_setup
 from plotter.cli.options import SIM, collect, settings_options
+from plotter.cli.parts import plot_in_parts
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
-from plotter.cli.streaming import finish, guesses_s, patience_s, streamed
+from plotter.cli.streaming import Ended, finish, patience_s
 from plotter.errors import BadInput
-from plotter.estimate import PlanTally, Tally
 from plotter.journals import head as journal_head
 from plotter.journals import journal_path
-from plotter.pipeline import Job, planned, prepare, program
+from plotter.pipeline import Job, prepare
 from plotter.preview.picture import draw_ink
 from plotter.units import spoken_duration
 
@@ -68,21 +67,15 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
 
 def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | None) -> None:
     """Plot on the board at `port`. `head` is the journal's; None keeps none, for a board that goes when the plot does."""
-    tally = PlanTally()
     attended = head is not None or sys.stdin.isatty()
     with connect(port, board_speed=board_speed) as board, ExitStack() as context:
         setup = board_setup(job.settings, job.machine, board.firmware)
-        actions = planned(job) if attended else _without_pauses(planned(job))
-        journal = None
-        if head is not None:
-            journal = context.enter_context(_begun(head))
-            if journal is not None:
-                journal.part({"token": board.begin_job()})
-        result, took_s = streamed(board, program(tally.watch(actions), setup), guesses_s(job), journal)
-    finish(result, f"{job.name} on {board.port_name}, firmware {board.firmware}")
-    click.echo(_summary(job, tally.total, result, took_s))
-    if result.progress.stalls and board_speed <= 1:
-        stalls, stalled_s = result.progress.stalls, result.progress.stalled_s
+        journal = None if head is None else context.enter_context(_begun(head))
+        ended = plot_in_parts(board, job, setup, journal, None, pauses=attended)
+    finish(ended, f"{job.name} on {board.port_name}, firmware {board.firmware}", resumable=journal is not None)
+    click.echo(_summary(job, ended))
+    if ended.total.stalls and board_speed <= 1:
+        stalls, stalled_s = ended.total.stalls, ended.total.stalled_s
         click.echo(f"the board waited {stalls} times for the computer, {stalled_s:.2f} s in all")
 
 
@@ -103,19 +96,11 @@ def _begun(head: dict[str, Any]) -> Iterator[Journal | None]:
         notes([journal.trouble])
 
 
-def _without_pauses(actions: Iterable[Action]) -> Iterator[Action]:
-    """The virtual board with nobody at a keyboard: a pause would never end, so it is said and passed over."""
-    for action in actions:
-        if isinstance(action, OperatorPause):
-            notes([f"the pause '{action.message}' is passed over: nobody is at a keyboard"])
-        else:
-            yield action
-
-
-def _summary(job: Job, total: Tally, result: StreamResult, took_s: float) -> str:
+def _summary(job: Job, ended: Ended) -> str:
+    length_m = sum(stroke.length_mm for layer in job.layers for stroke in layer.strokes) / 1000
     return (
-        f"plotted {job.name}: {total.strokes} strokes, {total.pen_down_mm / 1000:.3f} m pen down, {total.pen_lifts} pen lifts"
-        f" in {spoken_duration(result.progress.board_time_s)} of board time ({spoken_duration(took_s)} by the clock)"
+        f"plotted {job.name}: {job.stroke_count} strokes, {length_m:.3f} m pen down in "
+        f"{spoken_duration(ended.total.board_time_s)} of board time ({spoken_duration(ended.took_s)} by the clock)"
     )
 
 

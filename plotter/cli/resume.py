@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import click
 import numpy as np
 
@@ -13,12 +11,11 @@ from output.ebb.ports import choose_port
 from output.ebb.resume import Place, find_place, position_lost
 from output.ebb.session import Board, connect
 from output.errors import BoardRefused
-from planning.geometry.remainder import OVERLAP_MM
 from plotter.board_setup import board_setup
-from plotter.cli.streaming import finish, guesses_s, streamed
-from plotter.errors import BadInput
-from plotter.journals import Part, interrupted_plot, journal_path, made_again, part_program
-from plotter.pipeline import Job, planned, program
+from plotter.cli.parts import plot_in_parts
+from plotter.cli.streaming import finish
+from plotter.journals import Part, interrupted_plot, journal_path, made_again, part_after, part_program
+from plotter.pipeline import Job
 from plotter.units import spoken_duration
 
 _STILL_TIMEOUT_S = 10.0
@@ -42,14 +39,14 @@ def resume(port: str | None, homed: bool) -> None:
         board.wait_until_still(_STILL_TIMEOUT_S)
         board.clear()
         setup = board_setup(job.settings, job.machine, board.firmware)
-        part = _part(job, setup, state, _place(job, setup, state, board, homed), homed)
+        place = _place(job, setup, state, board, homed)
+        part = part_after(setup, Part.of(state.part), place, homed)
         with Journal.reopen(journal_path()) as journal:
-            journal.part({**asdict(part), "token": board.begin_job()})
-            result, took_s = streamed(board, part_program(job, setup, part), guesses_s(job)[part.stroke :], journal)
-    finish(result, f"{job.name} on {board.port_name}")
-    click.echo(
-        f"resumed {job.name} at stroke {part.stroke + 1} of {job.stroke_count} and finished it in {spoken_duration(took_s)}"
-    )
+            ended = plot_in_parts(board, job, setup, journal, part)
+    finish(ended, f"{job.name} on {board.port_name}")
+    took = spoken_duration(ended.took_s)
+    where = f"at stroke {part.stroke + 1} of {job.stroke_count}" if part.stroke < job.stroke_count else "after its last stroke"
+    click.echo(f"resumed {job.name} {where} and finished it in {took}")
 
 
 def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: bool) -> Place:
@@ -58,9 +55,9 @@ def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: b
     if lost:
         raise BoardRefused(f"{lost}: {_HOME}")
     part = Part.of(state.part)
-    items = program(planned(job), setup) if part is None else part_program(job, setup, part)
-    start = (0, 0) if part is None else _steps_at(part, setup)
-    place = find_place(items, setup.firmware, state, None if homed else board.steps(), start)
+    start, first = ((0, 0), 0) if part is None else (_steps_at(part, setup), part.stroke)
+    items = part_program(job, setup, part)
+    place = find_place(items, setup.firmware, state, None if homed else board.steps(), start, first)
     if place is None:
         raise BoardRefused(f"the board does not stand where this plot can have left it: {_HOME}")
     return place
@@ -69,17 +66,3 @@ def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: b
 def _steps_at(part: Part, setup: BoardSetup) -> tuple[int, int]:
     one, two = np.rint(setup.kinematics.steps(np.array(part.start_mm) - setup.origin_mm))
     return int(one), int(two)
-
-
-def _part(job: Job, setup: BoardSetup, state: PlotState, place: Place, homed: bool) -> Part:
-    """What is left to draw from `place` on. Raises BadInput when nothing is."""
-    if place.next_stroke >= job.stroke_count:
-        raise BadInput("every stroke of the interrupted plot is drawn: there is nothing to resume")
-    scale = float(np.sqrt(abs(np.linalg.det(setup.kinematics.steps_per_mm))))
-    drawn_mm = place.drawn_steps / scale if place.stroke is not None else 0.0
-    before = Part.of(state.part)
-    if drawn_mm and before is not None and before.stroke == place.next_stroke and before.drawn_mm:
-        drawn_mm += max(before.drawn_mm - OVERLAP_MM, 0.0)
-    left = setup.kinematics.millimetres(np.array([place.steps], dtype=float))[0] + setup.origin_mm
-    left_mm = (float(left[0]), float(left[1]))
-    return Part(place.next_stroke, drawn_mm, left_mm, (0.0, 0.0) if homed else left_mm, homed)

@@ -56,14 +56,14 @@ class Bar:
         paused = done.message if done.state is State.PAUSED else ""
         try:
             if paused and paused != self._paused:
-                click.echo(f"paused: {paused}; p or the board's button goes on, q or Ctrl-C ends the plot", err=True)
+                click.echo(f"{paused}: p or the board's button goes on, h goes home, q or Ctrl-C ends the plot", err=True)
             self._paused = paused
             if self.progress is not None:
                 left_s = self.left_s(done)
                 share = done.board_time_s / max(done.board_time_s + left_s, 1e-9)
                 layer = f"{done.layer.name}: " if done.layer is not None else ""
                 text = f"{layer}stroke {min(done.strokes_done + 1, self._strokes)} of {self._strokes}"
-                left = "paused" if paused else f"{spoken_duration(left_s)} left"
+                left = "paused" if paused else "pausing" if done.message else f"{spoken_duration(left_s)} left"
                 self.progress.update(self._task, description=text, completed=share, left=left)
         except OSError:
             self.progress = None

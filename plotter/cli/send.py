@@ -54,6 +54,6 @@ def _send_to(port: str, file: str, header: dict[str, str], items: list[Line], bo
             raise BadInput(
                 f"{file} was not sent to firmware {board.firmware}: {report.problems[0]}; see `plotter verify {file}`"
             )
-        result, _ = streamed(board, (line.item for line in items), [report.duration_s], None)
-    finish(result, f"{file} on {board.port_name}")
+        ended = streamed(board, (line.item for line in items), [report.duration_s])
+    finish(ended, f"{file} on {board.port_name}")
     click.echo(f"sent {file}: {report.commands} commands, {spoken_duration(report.duration_s)} of board time")

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 from output.ebb.control import StopFlag, ignore_signals
-from output.ebb.journal import Journal
 from output.ebb.program import Program
 from output.ebb.session import Board, StreamResult
+from output.ebb.stream import Progress
 from plotter.cli.keys import keys
 from plotter.cli.say import progress_bar
-from plotter.errors import Interrupted
+from plotter.errors import Interrupted, Paused
 from plotter.pipeline import Job
 
 
@@ -19,16 +20,23 @@ def patience_s(speed: float) -> float:
     return 0.0 if speed <= 1 else 120.0
 
 
-def streamed(board: Board, items: Program, guess_s: list[float], journal: Journal | None) -> tuple[StreamResult, float]:
-    """Stream with a progress bar and keys; returns how it ended and how long it took by the clock."""
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a plot ended: its last stream's result, progress since the program was started, and how long that took (clock)."""
+
+    result: StreamResult
+    total: Progress
+    took_s: float
+
+
+def streamed(board: Board, items: Program, guess_s: list[float]) -> Ended:
+    """Stream a program that is sent as it is, with a progress bar and keys; Ctrl-C stops it."""
     stop, started = StopFlag(), time.monotonic()
     with progress_bar(guess_s) as bar, keys(stop):
-        result = board.stream(items, on_progress=bar.show, stop=stop, journal=journal)
+        result = board.stream(items, on_progress=bar.show, stop=stop)
     if result.outcome != "done":
         ignore_signals()  # the pen is up; a late Ctrl-C would only take the message and the exit code away
-    if journal is not None:
-        journal.end(result.outcome, result.steps)
-    return result, time.monotonic() - started
+    return Ended(result, result.progress, time.monotonic() - started)
 
 
 def guesses_s(job: Job) -> list[float]:
@@ -37,10 +45,15 @@ def guesses_s(job: Job) -> list[float]:
     return [lifts_s + stroke.length_mm / job.settings.draw_speed for layer in job.layers for stroke in layer.strokes]
 
 
-def finish(result: StreamResult, where: str) -> None:
-    """Raises Interrupted for a plot that was stopped, saying what became of the pen."""
+def finish(ended: Ended, where: str, *, resumable: bool = True) -> None:
+    """Raises Paused or Interrupted for a plot that did not come to its end, saying what became of the pen."""
+    result, strokes = ended.result, f"after {ended.total.strokes_done} strokes"
     if result.outcome == "done":
         return
+    if result.outcome == "paused":
+        if resumable:
+            raise Paused(f"paused: {where} {strokes}; the pen is up and the motors hold: `plotter resume` goes on")
+        raise Interrupted(f"stopped by Ctrl-C: {where} {strokes}; the pen is up")
     report = result.stop
     pen = "the pen is up" if report is not None and report.pen_up else "THE PEN MAY BE DOWN: lift it by hand"
-    raise Interrupted(f"{result.reason}: {where} after {result.progress.strokes_done} strokes; {pen} and the motors are off")
+    raise Interrupted(f"{result.reason}: {where} {strokes}; {pen} and the motors are off")

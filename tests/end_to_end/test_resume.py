@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pty
 import signal
 import subprocess
 import sys
@@ -36,16 +37,27 @@ def drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
-def plot_and_kill(drawing: Path, board: VirtualBoard, after_s: float, how: signal.Signals) -> int:
-    """Start a plot in a process of its own and send it `how`, `after_s` after its first motion; its exit code."""
+def plotting(drawing: Path, board: VirtualBoard, **streams: Any) -> subprocess.Popen[bytes]:
     code = "import sys; from plotter.cli.main import main; main(sys.argv[1:])"
     command = [sys.executable, "-c", code, "plot", str(drawing), "--port", board.port]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=os.environ)
+    streams.setdefault("stdin", subprocess.DEVNULL)
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=os.environ, **streams)
+
+
+def wait_for_motion(board: VirtualBoard) -> None:
     deadline = time.monotonic() + 30
     while board.state()["position"] == [0, 0] and time.monotonic() < deadline:
         time.sleep(0.02)
+
+
+def plot_and_kill(drawing: Path, board: VirtualBoard, after_s: float, *how: signal.Signals) -> int:
+    """Start a plot in a process of its own and send it `how`, `after_s` after its first motion; its exit code."""
+    process = plotting(drawing, board)
+    wait_for_motion(board)
     time.sleep(after_s)
-    process.send_signal(how)
+    for number in how:
+        process.send_signal(number)
+        time.sleep(0.05)
     _, errors = process.communicate(timeout=30)
     assert b"Traceback" not in errors
     return process.returncode
@@ -114,12 +126,58 @@ def test_what_has_changed_is_named(drawing: Path, tmp_path: Path, capsys: pytest
         assert board.record()["stepper_moves"] <= before + 64
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_ctrl_c_raises_the_pen_and_exits_130(how: signal.Signals, drawing: Path) -> None:
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_raises_the_pen_and_exits_130(how: signal.Signals, drawing: Path) -> None:
     with start_virtual_board() as board:
         assert plot_and_kill(drawing, board, 1.5, how) == 130
-        time.sleep(0.3)
+        check_stopped(board)
+
+
+def check_stopped(board: VirtualBoard) -> None:
+    time.sleep(0.3)
+    state = board.state()
+    assert state["pen_up"]
+    assert state["idle"]
+    assert not any(state["motors_on"])
+
+
+def test_ctrl_c_without_a_terminal_pauses_on_the_path_and_is_resumed(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with start_virtual_board() as board:
+        assert plot_and_kill(drawing, board, 1.5, signal.SIGINT) == 5
         state = board.state()
         assert state["pen_up"]
         assert state["idle"]
-        assert not any(state["motors_on"])
+        assert all(state["motors_on"])
+        assert run(["resume", "--port", board.port]) == 0, capsys.readouterr().err
+        check_whole(board, drawing)
+
+
+def test_two_ctrl_cs_stop(drawing: Path) -> None:
+    with start_virtual_board() as board:
+        assert plot_and_kill(drawing, board, 1.5, signal.SIGINT, signal.SIGINT) == 130
+        check_stopped(board)
+
+
+def test_keys_of_a_terminal_pause_and_go_on(drawing: Path) -> None:
+    master, slave = pty.openpty()
+    with start_virtual_board() as board:
+        process = plotting(drawing, board, stdin=slave)
+        wait_for_motion(board)
+        time.sleep(1.5)
+        for _ in range(2):
+            os.write(master, b"p")
+            deadline = time.monotonic() + 5
+            while not (board.state()["pen_up"] and board.state()["idle"]) and time.monotonic() < deadline:
+                time.sleep(0.05)
+            time.sleep(1.5)
+            moves = board.record()["stepper_moves"]
+            time.sleep(0.5)
+            assert board.record()["stepper_moves"] == moves, "the plot goes on although it is paused"
+            os.write(master, b"p")
+            time.sleep(1.0)
+        _, errors = process.communicate(timeout=30)
+        assert process.returncode == 0, errors
+        assert errors.count(b"paused by key") == 2
+        check_whole(board, drawing)
+    os.close(master)
+    os.close(slave)

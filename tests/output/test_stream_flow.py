@@ -209,30 +209,29 @@ def test_the_button_pauses_between_strokes_and_goes_on() -> None:
 
 
 def test_a_hold_on_the_path_replaces_what_remains() -> None:
-    """The seam for stopping in mid-stroke: what was sent stays, the replacement brakes, lifts, waits and goes on."""
+    """What was sent stays, the replacement brakes and lifts, and the stream ends as held. While it cannot, it is asked again."""
     stop, asked = StopFlag(), []
     items = list(drawing(strokes=2, moves=100))
 
-    def hold(taken: int) -> Iterator[Command | Mark]:
+    def hold(taken: int) -> Iterator[Command | Mark] | None:
         asked.append(taken)
-        yield from (SM(31, 1, 1), SP(1, 100), PauseMark("p"), SP(0, 100), SM(32, 1, 1))
-        yield from items[taken:]
+        return iter((SM(31, 1, 1), SP(1, 100))) if len(asked) > 3 else None
 
     def watch(progress: Progress) -> None:
         if progress.commands_executed >= 30 and not asked:
             stop.pause("p")
-        if progress.state is State.PAUSED:
-            assert fake.pen_up
-            stop.go()
 
     fake = FakeEbb()
     result, _ = plot(fake, iter(items), stop=stop, on_progress=watch, hold=hold)
-    assert result.outcome == "done"
-    assert len(asked) == 1
+    assert result.outcome == "held"
+    assert result.reason == "p"
+    assert len(asked) == 4
+    assert asked == sorted(set(asked))
     executed = [entry.wire for entry in fake.executed if entry.wire.startswith("SM")]
-    planned = [item.wire() for item in items if isinstance(item, SM)]
-    assert [wire for wire in executed if wire not in ("SM,31,1,1", "SM,32,1,1")] == planned
-    assert result.progress.strokes_done == 2
+    planned = [item.wire() for item in items[: asked[-1]] if isinstance(item, SM)]
+    assert executed == [*planned, "SM,31,1,1"]
+    assert fake.pen_up
+    assert result.progress.strokes_done == 0
 
 
 def test_a_board_that_never_finishes_a_move_is_told() -> None:

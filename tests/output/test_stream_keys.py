@@ -20,6 +20,10 @@ def test_p_pauses_and_goes_on_and_q_stops() -> None:
     assert stop.pause_reason is not None
     press(" ", stop)
     assert stop.pause_reason is None
+    press("h", stop)
+    assert stop.pause_reason is not None
+    assert stop.home_asked
+    assert stop.leave_asked
     press("x", stop)
     assert not stop.requested
     press("q", stop)
@@ -67,3 +71,19 @@ def test_signals_only_set_the_flag_and_wake() -> None:
         assert stop.signal_number == signal.SIGINT
     assert len(woken) == 2
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_where_a_pause_is_possible_the_first_ctrl_c_pauses_and_the_second_stops() -> None:
+    stop = StopFlag()
+    with signals_stop(stop, pauses=True):
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.pause_reason == "paused by Ctrl-C"
+        assert stop.pause_signal == signal.SIGINT
+        assert not stop.requested
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.reason == "stopped by SIGINT"
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        stop = StopFlag()
+        with signals_stop(stop, pauses=True):
+            os.kill(os.getpid(), number)
+            assert stop.requested

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from output.ebb import session
@@ -300,6 +300,7 @@ def operated(script: list[tuple[float, str]], firmware: str, journal_path: Path)
     assert again.query("QG")
 
 
+@example(script=[(0.0625, "reboot")], firmware="2.8.1")
 @given(
     script=st.lists(st.tuples(st.floats(0.0, 1.6), st.sampled_from(ACTIONS)), max_size=6),
     firmware=st.sampled_from(["3.0.3", "3.0.0", "2.8.1"]),

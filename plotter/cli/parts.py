@@ -1,0 +1,140 @@
+"""Plotting in parts: from the beginning, or from where a pause on the path, or an interruption, has left the pen.
+
+    part --stream--> done
+                 `-> held: the pen rests on the path, up --journal the place--> next part --PauseMark, go--> stream ...
+
+Every part is a program of its own whose facts are in the journal, so that a plot that is killed in a pause, or after one, is
+resumed like any other. The pause itself is the streamer's, before the part's first command.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from functools import partial
+
+import numpy as np
+
+from output.ebb.commands import Command
+from output.ebb.control import StopFlag, ignore_signals
+from output.ebb.encode import BoardSetup, encode, prologue
+from output.ebb.held import PausableProgram
+from output.ebb.journal import Journal
+from output.ebb.program import Mark, PauseMark
+from output.ebb.session import Board
+from output.ebb.stream import Progress, State
+from planning.motion.plan import Action, OperatorPause, Travel
+from planning.motion.travel import travel
+from plotter.board_setup import HOME_MM
+from plotter.cli.keys import keys
+from plotter.cli.say import Bar, notes, progress_bar
+from plotter.cli.streaming import Ended, guesses_s
+from plotter.journals import Part, layers_left, part_actions, part_after, part_beginning, position_mm
+from plotter.pipeline import Job, motion_settings
+
+
+def plot_in_parts(
+    board: Board, job: Job, setup: BoardSetup, journal: Journal | None, part: Part | None, *, pauses: bool = True
+) -> Ended:
+    """Draw what is left from `part` on (None: everything), with a progress bar, keys and pauses.
+
+    `pauses` False passes over the drawing's own pauses: nobody could end them. The first Ctrl-C pauses; where there is no
+    terminal to go on from, the plot ends there as "paused".
+    """
+    stop, started, total = StopFlag(), time.monotonic(), Progress()
+    settings = motion_settings(job.settings, job.machine)
+    first = 0 if part is None else part.stroke
+    with progress_bar(guesses_s(job)[first:]) as bar, keys(stop) as listening:
+        while True:
+            _note_part(board, journal, part)
+            actions = part_actions(job, part)
+            items = PausableProgram(
+                _beginning(setup, part, stop),
+                actions if pauses else _without_pauses(actions),
+                setup,
+                settings.draw,
+                settings.pen.lift_s,
+            )
+            show = partial(_show, bar, stop, listening, total)
+            result = board.stream(items, on_progress=show, stop=stop, journal=journal, hold=items.hold)
+            total = _together(total, result.progress)
+            if result.outcome == "held" and items.place is not None:
+                part = part_after(setup, part, items.place)
+            elif result.outcome == "left" and result.steps is not None:
+                part = _part_left(job, setup, part, result.progress.strokes_done, result.steps)
+            else:
+                break
+            if _ends_here(stop, listening):
+                _note_part(board, journal, part)
+                result = replace(result, outcome="paused")
+                break
+            if stop.home_asked:
+                _go_home(board, setup, job, part, stop)
+                part = replace(part, start_mm=(0.0, 0.0))
+    if result.outcome != "done":
+        ignore_signals()  # the pen is up; a late Ctrl-C would only take the message and the exit code away
+    if journal is not None:
+        journal.end(result.outcome, result.steps)
+    return Ended(result, total, time.monotonic() - started)
+
+
+def _note_part(board: Board, journal: Journal | None, part: Part | None) -> None:
+    if journal is not None:
+        journal.part({**({} if part is None else asdict(part)), "token": board.begin_job()})
+
+
+def _beginning(setup: BoardSetup, part: Part | None, stop: StopFlag) -> Iterator[Command | Mark]:
+    """A part that follows a pause waits for go before anything is sent."""
+    if stop.pause_reason is not None:
+        yield PauseMark(stop.pause_reason)
+    yield from part_beginning(setup, part)
+
+
+def _show(bar: Bar, stop: StopFlag, listening: bool, before: Progress, progress: Progress) -> None:
+    if progress.state is State.PAUSED and _ends_here(stop, listening):
+        stop.leave()
+    bar.show(_together(before, progress))
+
+
+def _ends_here(stop: StopFlag, listening: bool) -> bool:
+    """Ctrl-C with no terminal: nobody could press a key to go on."""
+    return stop.pause_signal is not None and stop.pause_reason is not None and not listening
+
+
+def _together(before: Progress, progress: Progress) -> Progress:
+    """Progress of a part as progress of all parts since the program was started."""
+    sums = ("commands_sent", "commands_executed", "strokes_done", "board_time_s", "stalls", "stalled_s")
+    changes = {name: getattr(before, name) + getattr(progress, name) for name in sums}
+    return replace(progress, layer=progress.layer or before.layer, **changes)
+
+
+def _part_left(job: Job, setup: BoardSetup, part: Part | None, strokes_done: int, steps: tuple[int, int]) -> Part:
+    """What is left when a part is left in a pause between strokes."""
+    here = position_mm(setup, steps)
+    first = 0 if part is None else layers_left(job.layers, part)[1]
+    if part is not None and strokes_done == 0:
+        return replace(part, start_mm=here, homed=False)
+    return Part(first + strokes_done, 0.0, here, here, False)
+
+
+def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFlag) -> None:
+    """Travel home from where the part begins, and stay in the pause."""
+    settings = motion_settings(job.settings, job.machine)
+    way = travel(np.array(part.start_mm), HOME_MM, settings.travel, settings.kinematics, settings.bounds_mm)
+    stop.home_asked = False
+
+    def items() -> Iterator[Command | Mark]:
+        yield from prologue(setup, keep_counters=True)
+        yield from encode([Travel(way)], setup)
+
+    board.stream(items(), on_progress=lambda _: None, stop=stop)
+
+
+def _without_pauses(actions: Iterator[Action]) -> Iterator[Action]:
+    """A virtual board with nobody at a keyboard: a pause would never end, so it is said and passed over."""
+    for action in actions:
+        if isinstance(action, OperatorPause):
+            notes([f"the pause '{action.message}' is passed over: nobody is at a keyboard"])
+        else:
+            yield action

@@ -1,0 +1,235 @@
+"""Pauses on the path: the pen slows down where it is, lifts, and comes back to that point; the drawing is whole afterwards."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import re
+import signal
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from output.ebb.command_file import read_command_file
+from output.ebb.control import StopFlag
+from output.ebb.firmware import firmware as firmware_named
+from output.ebb.held import PausableProgram
+from output.ebb.journal import Journal, load
+from output.ebb.session import connect
+from output.ebb.stream import LEAD_S
+from output.ebb.verify import Report, verify
+from output.ebb.verify_compare import compare
+from plotter.board_setup import board_setup
+from plotter.cli import parts
+from plotter.cli.keys import press
+from plotter.cli.parts import plot_in_parts
+from plotter.cli.plot import ink_mm
+from plotter.cli.streaming import Ended
+from plotter.journals import Part
+from plotter.pipeline import Job, prepare
+from plotter.settings import resolve
+from plotter.svg.options import ReadOptions
+from tests.output.board_in_memory import MemoryBoard
+from tests.output.inline_producer import inline_producer  # noqa: F401 - a fixture
+
+pytestmark = pytest.mark.usefixtures("inline_producer")
+
+DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" width="100mm" height="60mm" viewBox="0 0 100 60" stroke="black">
+  <path d="M10 10C40 -10 60 50 90 20"/><circle cx="50" cy="30" r="12"/><path d="M12 30h.01"/>
+  <path d="M10 50L30 45L50 55L70 45L90 50L10 55L90 58L10 59L20 30L40 10L20 50L60 2"/>
+  <path d="M70 8l1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2"/></svg>"""
+# The pen comes to rest within the motion on the board, what braking takes, and the lift.
+LATEST_S = LEAD_S + 1.0
+
+
+class Operator:
+    """Presses keys at given times of the board's clock, and goes on when the pen has been up and still for a while."""
+
+    def __init__(self, at_s: list[float], key: str = "p") -> None:
+        self.at_s = sorted(at_s)
+        self.key = key
+        self.stop: StopFlag | None = None
+        self.rests: list[tuple[int, int]] = []
+        self.latency_s: list[float] = []
+        self._began: float | None = None
+        self._asked = 0.0
+        self._resting: float | None = None
+
+    @contextlib.contextmanager
+    def keys(self, stop: StopFlag) -> Iterator[bool]:
+        self.stop = stop
+        yield True
+
+    def __call__(self, memory: MemoryBoard) -> None:
+        if self.stop is None or self.stop.requested:
+            return
+        now, state = memory.clock(), memory.board.state()
+        self._began = now if self._began is None else self._began
+        if self.stop.pause_reason is None:
+            self._resting = None
+            if self.at_s and now - self._began >= self.at_s[0]:
+                self.at_s.pop(0)
+                self._asked = now
+                press(self.key, self.stop)
+        elif not (state["pen_up"] and state["idle"]):
+            self._resting = None
+        elif self._resting is None:
+            self._resting = now
+        elif now - self._resting > 1.0:
+            self.latency_s.append(self._resting - self._asked)
+            self.rests.append(tuple(state["position"]))
+            self.stop.go()
+
+
+def job_of(tmp_path: Path, firmware: str, drawing: str = DRAWING) -> Job:
+    file = tmp_path / "drawing.svg"
+    file.write_text(drawing)
+    return prepare(str(file), ReadOptions(), resolve({"firmware": firmware}).values)
+
+
+def plotted(
+    job: Job, memory: MemoryBoard, operator: Operator, monkeypatch: pytest.MonkeyPatch, part: Part | None = None
+) -> Ended:
+    monkeypatch.setattr(parts, "keys", operator.keys)
+    board = connect(memory, clock=memory.clock)
+    memory.on_receive = operator
+    return plot_in_parts(board, job, board_setup(job.settings, job.machine, board.firmware), None, part)
+
+
+def check_whole(memory: MemoryBoard, job: Job) -> list[np.ndarray]:
+    """The ink is the drawing, and where the pen was taken up again at most 0.2 mm are drawn twice."""
+    ink = ink_mm(memory.record(), job.machine.kinematics())
+    wanted = [stroke.points_mm for layer in job.layers for stroke in layer.strokes]
+    deviation = compare(ink, wanted)
+    assert deviation.drawn.max_mm <= 0.05
+    assert deviation.wanted.max_mm <= 0.05
+    for before, after in pairwise(ink):
+        distance_mm = float(np.hypot(*(after[0] - before[-1])))
+        assert distance_mm <= 0.2 or distance_mm > 1.0
+    return ink
+
+
+def replayed(memory: MemoryBoard, job: Job, tmp_path: Path) -> Report:
+    """Everything that was sent, judged as one command file."""
+    wires = b"".join(data for _, data in memory.written).decode().split("\r")
+    file = tmp_path / "sent.ebb"
+    file.write_text("\n".join(wire for wire in wires if re.match("(SM|XM|T3|TD|LM|LT|SP|EM|SC),", wire)))
+    _, lines = read_command_file(str(file))
+    version = firmware_named(job.settings.firmware)
+    return verify(list(lines), version, job.machine.kinematics(), travel_mm=(-1, -1, 999, 999), keep_strokes=False)
+
+
+def check_pauses(seed: int, firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = random.Random(seed)
+    job, memory, operator = (
+        job_of(tmp_path, firmware),
+        MemoryBoard(firmware),
+        Operator([rng.uniform(0.3, 12) for _ in range(4)]),
+    )
+    ended = plotted(job, memory, operator, monkeypatch)
+    assert ended.result.outcome == "done"
+    assert ended.total.strokes_done == job.stroke_count
+    check_whole(memory, job)
+    assert max(operator.latency_s) <= LATEST_S
+    report = replayed(memory, job, tmp_path)
+    # Nothing of the sort that stopping dead from 150 mm/s would be; older firmware has jumps of its own at each command.
+    assert report.max_velocity_jump_mm_s <= (1.0 if firmware.startswith("3") else 8.0)
+    # Travel keeps its limits for each motor, draws for both together.
+    assert report.max_acceleration_mm_s2 <= 1.05 * 2**0.5 * job.settings.travel_acceleration
+    state = memory.board.state()
+    assert state["pen_up"]
+    assert not any(state["motors_on"])
+
+
+@pytest.mark.parametrize("firmware", ["3.0.3", "3.0.0", "2.8.1"])
+@pytest.mark.parametrize("seed", range(4))
+def test_pauses_at_random_instants(seed: int, firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check_pauses(seed, firmware, tmp_path, monkeypatch)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("firmware", ["3.0.3", "3.0.1", "3.0.0", "2.8.1", "2.7.0"])
+def test_pauses_at_many_random_instants(firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for seed in range(100, 160):
+        check_pauses(seed, firmware, tmp_path, monkeypatch)
+
+
+def test_a_pause_in_one_long_stroke_does_not_wait_for_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    spiral = " ".join(f"{50 + 0.06 * t * np.cos(t / 5):.3f},{50 + 0.06 * t * np.sin(t / 5):.3f}" for t in range(600))
+    drawing = DRAWING.splitlines()[0].replace("60", "100") + f'<path d="M{spiral}"/></svg>'
+    job, memory, operator = job_of(tmp_path, "3.0.3", drawing), MemoryBoard(), Operator([4.0, 12.0])
+    assert plotted(job, memory, operator, monkeypatch).result.outcome == "done"
+    assert max(operator.latency_s) <= LATEST_S
+    assert len(check_whole(memory, job)) == 3
+
+
+def test_h_goes_home_and_waits_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    job, memory, operator = job_of(tmp_path, "3.0.3"), MemoryBoard(), Operator([2.0, 6.0], key="h")
+    ended = plotted(job, memory, operator, monkeypatch)
+    assert ended.result.outcome == "done"
+    assert operator.rests == [(0, 0), (0, 0)]
+    check_whole(memory, job)
+
+
+def test_quitting_in_a_pause_stops_the_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    job, memory, operator = job_of(tmp_path, "3.0.3"), MemoryBoard(), Operator([2.0])
+    monkeypatch.setattr(StopFlag, "go", lambda self: press("q", self))
+    ended = plotted(job, memory, operator, monkeypatch)
+    assert ended.result.outcome == "stopped"
+    state: dict[str, Any] = memory.board.state()
+    assert state["pen_up"]
+    assert not any(state["motors_on"])
+
+
+@pytest.mark.parametrize("at_s", [0.6, 2.5, 4.4])
+def test_ctrl_c_without_a_terminal_leaves_a_plot_that_can_be_resumed(
+    at_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job, memory = job_of(tmp_path, "3.0.3"), MemoryBoard()
+    board = connect(memory, clock=memory.clock)
+    setup = board_setup(job.settings, job.machine, board.firmware)
+    flags: list[StopFlag] = []
+
+    @contextlib.contextmanager
+    def no_keys(stop: StopFlag) -> Iterator[bool]:
+        flags.append(stop)
+        yield False
+
+    def interrupt(m: MemoryBoard) -> None:
+        if flags and m.clock() >= at_s and flags[0].pause_reason is None:
+            flags[0].pause("paused by Ctrl-C", signal.SIGINT)
+
+    monkeypatch.setattr(parts, "keys", no_keys)
+    memory.on_receive = interrupt
+    with Journal.begin(tmp_path / "journal", {}) as journal:
+        ended = plot_in_parts(board, job, setup, journal, None)
+    assert ended.result.outcome == "paused"
+    assert memory.board.state()["pen_up"]
+    assert all(memory.board.state()["motors_on"])
+    state = load(tmp_path / "journal")
+    assert state is not None
+    assert state.ended == "paused"
+    part = Part.of(state.part)
+    assert part is not None
+    memory.on_receive = None
+    again = plot_in_parts(board, job, setup, None, part)
+    assert again.result.outcome == "done"
+    check_whole(memory, job)
+
+
+def test_planted_hold_that_stops_dead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The oracle of speed is seen to trip: a hold that cuts the motion off where it is."""
+    brake = PausableProgram.hold
+
+    def cut(self: PausableProgram, taken: int) -> Any:
+        rest = brake(self, taken)
+        return None if rest is None else list(rest)[-1:]
+
+    monkeypatch.setattr(PausableProgram, "hold", cut)
+    job, memory, operator = job_of(tmp_path, "3.0.3"), MemoryBoard(), Operator([2.0, 5.0])
+    plotted(job, memory, operator, monkeypatch)
+    assert replayed(memory, job, tmp_path).max_velocity_jump_mm_s > 20
