@@ -14,7 +14,13 @@ from planning.motion.limits import Kinematics, Limits
 from planning.motion.plan import Draw, Travel
 from planning.motion.planner import MotionSettings, PenTiming, plan
 from planning.motion.travel import travel
-from tests.planning.motion_checks import assert_continuous, assert_keeps_all_laws, assert_whole_ticks, samples
+from tests.planning.motion_checks import (
+    assert_continuous,
+    assert_keeps_all_laws,
+    assert_keeps_step_rate,
+    assert_whole_ticks,
+    samples,
+)
 
 COREXY = Kinematics(np.array([[80.0, 80.0], [80.0, -80.0]]), 25000.0)
 CARTESIAN = Kinematics(np.array([[80.0, 0.0], [0.0, 120.0]]), 20000.0)
@@ -75,9 +81,7 @@ def check_strokes(points: list[NDArray[np.float64]], limits: Limits, kinematics:
     assert len(motions) == len(points)
     for p, motion in zip(points, motions, strict=True):
         assert_keeps_all_laws(motion, p, limits)
-        if len(motion):
-            _, v, _, _ = samples(motion)
-            assert np.abs(kinematics.steps(v)).max() <= kinematics.max_step_rate * (1 + 1e-9)
+        assert_keeps_step_rate(motion, kinematics)
 
 
 @quick

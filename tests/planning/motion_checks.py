@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planning.motion.limits import Limits
+from planning.motion.limits import Kinematics, Limits
 from planning.motion.plan import TICK_S, Motion
 
 Points = NDArray[np.float64]
@@ -41,6 +41,18 @@ def assert_within_limits(motion: Motion, limits: Limits) -> None:
     assert np.hypot(*v.T).max() <= limits.speed_mm_s * (1 + 1e-9)
     assert np.hypot(*a.T).max() <= limits.acceleration_mm_s2 * (1 + 1e-9)
     assert np.hypot(*j.T).max() <= limits.jerk_mm_s3 * (1 + 1e-9)
+
+
+def assert_keeps_step_rate(motion: Motion, kinematics: Kinematics) -> None:
+    """Every motor's rate at the ends of each piece and where it turns inside: a quadratic has no other extremes."""
+    if not len(motion):
+        return
+    v, a, j = (kinematics.steps(x) for x in (motion.velocity_mm_s, motion.acceleration_mm_s2, motion.jerk_mm_s3))
+    h = motion.duration_s[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = np.where(j == 0.0, 0.0, np.clip(-a / j, 0.0, h))
+    for t in (np.zeros_like(h), turn, h):
+        assert np.abs(v + t * (a + t * j / 2)).max() <= kinematics.max_step_rate * (1 + 1e-9)
 
 
 def farthest(at: Points, line: Points) -> float:

@@ -12,9 +12,16 @@ from planning.motion.draw import draw_motions
 from planning.motion.limits import Kinematics, Limits
 from planning.motion.path import thinned
 from planning.motion.travel import closed_form, phases, straight
-from tests.planning.motion_checks import assert_continuous, assert_keeps_all_laws, assert_within_limits, in_order
+from tests.planning.motion_checks import (
+    assert_continuous,
+    assert_keeps_all_laws,
+    assert_keeps_step_rate,
+    assert_within_limits,
+    in_order,
+)
 
 COREXY = Kinematics(np.array([[80.0, 80.0], [80.0, -80.0]]), 25000.0)
+CARTESIAN = Kinematics(np.array([[80.0, 0.0], [0.0, 120.0]]), 20000.0)
 L2 = Limits(150, 2000, 100e3, 0.05)
 L4 = Limits(50, 500, 10e3, 0.02)
 L5 = Limits(150, 2000, 400e3, 0.03)
@@ -88,6 +95,20 @@ def test_strokes_that_once_broke_something(name: str) -> None:
         draw.legs = original
     assert_keeps_all_laws(motion, points, limits)
     assert not stops, "fell back to a stop at every vertex"
+
+
+# Speed inside a piece was looked at for |v|, not for each motor: 0.03 % over what one can be stepped at.
+ONCE_TOO_FAST = np.array(
+    [[-112.89099188, -85.5200447], [-64.99515344, -63.46502386], [-174.43898891, -39.57771065], [-3.24449639, 14.90597101],
+     [-190.07872819, -190.98331957], [-182.59127359, -69.38105538], [-340.95195804, -93.58687599],
+     [-112.89099188, -85.5200447]])  # fmt: skip
+
+
+def test_no_motor_is_stepped_too_fast_inside_a_piece() -> None:
+    limits = Limits(250, 5000, 500e3, 0.05)
+    (motion,) = draw_motions([Stroke(ONCE_TOO_FAST)], limits, CARTESIAN)
+    assert_keeps_all_laws(motion, ONCE_TOO_FAST, limits)
+    assert_keeps_step_rate(motion, CARTESIAN)
 
 
 def test_the_check_of_order_sees_a_skipped_reversal() -> None:
