@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
 from planning.motion.limits import Kinematics, Limits
-from planning.motion.plan import TICK_S, Motion
+from planning.motion.plan import TICK_S, Motion, joined_motion
 
 Points = NDArray[np.float64]
 
@@ -29,6 +32,19 @@ def assert_continuous(motion: Motion, from_rest: bool = True) -> None:
     if from_rest:
         assert not motion.velocity_mm_s[0].any()
         assert not motion.acceleration_mm_s2[0].any()
+
+
+def assert_parts_follow(parts: Sequence[Motion]) -> None:
+    """Each part starts with exactly the state with which the one before ended; the first and the last are at rest outside."""
+    for before, after in pairwise(parts):
+        position, velocity, acceleration = (x[-1] for x in before.ends())
+        assert (before.end_mm == after.start_mm).all()
+        assert np.abs(position - after.position_mm[0]).max() < 1e-9
+        assert np.abs(velocity - after.velocity_mm_s[0]).max() < 1e-7
+        assert np.abs(acceleration - after.acceleration_mm_s2[0]).max() < 1e-5
+    for part in parts:
+        assert len(part) or len(parts) == 1
+    assert_continuous(joined_motion(parts))
 
 
 def samples(motion: Motion, step_s: float = 0.0005) -> tuple[Points, Points, Points, Points]:
