@@ -54,8 +54,8 @@ class PlanTally:
             match action:
                 case LayerStart(number=number, name=name):
                     self.layers.append(LayerTally(number=number, name=name))
-                case Draw(motion=motion):
-                    self._count(pen_down_mm=length_mm(motion), strokes=1)
+                case Draw(motion=motion, last=last):
+                    self._count(pen_down_mm=length_mm(motion), strokes=int(last))
                     self._see(motion)
                 case Travel(motion=motion):
                     self._count(pen_up_mm=length_mm(motion))

@@ -121,11 +121,13 @@ def _pen(value: int, wait_s: float, setup: BoardSetup) -> SP:
 
 class Encoder:
     """Carries what the board will have executed from one action to the next. It begins at the first motion's start, or in the
-    given `state`, which may be in the middle of a motion."""
+    given `state`; `reached` is then set to where a motion that is already moving goes on from."""
 
     def __init__(self, setup: BoardSetup, state: State | None = None) -> None:
         self.setup = setup
         self.family: Family = encode_families.choose(setup.family, setup.firmware, setup.kinematics, setup.sizing)
+        # Where (2^-31 steps) the part of a stroke ended that the next motion goes on from; None at rest.
+        self.reached: NDArray[np.float64] | None = None
         self.started = state is not None
         if state is not None:
             self.family.state = state
@@ -139,9 +141,10 @@ class Encoder:
         match action:
             case Travel(motion=motion):
                 yield from self.motion(motion)
-            case Draw(motion=motion, stroke=stroke):
-                yield from self.motion(motion)
-                yield StrokeEnd(stroke, self.family.state.position)
+            case Draw(motion=motion, stroke=stroke, last=last):
+                yield from self.motion(motion, last)
+                if last:
+                    yield StrokeEnd(stroke, self.family.state.position)
             case Lower(wait_s=wait_s, stroke=stroke):
                 yield StrokeMark(stroke)
                 yield self.pen(0, wait_s)
@@ -154,19 +157,20 @@ class Encoder:
             case OperatorPause(message=message):
                 yield PauseMark(message)
 
-    def motion(self, motion: Motion) -> Iterator[Command | Mark]:
+    def motion(self, motion: Motion, last: bool = True) -> Iterator[Command | Mark]:
         if not self.started:
             self.started = True
             self.family.state = self._at(motion.start_mm)
         if not len(motion):
             return
-        borders = borders_of(motion, self.setup.kinematics, self.setup.origin_mm)
+        borders = borders_of(motion, self.setup.kinematics, self.setup.origin_mm, self.reached, last)
+        self.reached = None if last else borders.x[-1]
         away = np.abs(borders.x[0] / ONE_STEP - np.array(self.family.state.position)).max()
         if away > 2.0:
             raise BadCommand(
                 f"a motion starts {away:.1f} steps from where the one before it ended; the plan has a gap, plan it again"
             )
-        yield from self.family.motion(borders)
+        yield from self.family.motion(borders, last)
 
     def pen(self, value: int, wait_s: float) -> Command:
         command = _pen(value, wait_s, self.setup)

@@ -14,8 +14,8 @@ from output.ebb.arithmetic import ONE_STEP, TICK_S, TICKS_PER_MS, State
 from output.ebb.commands import SM, T3, TD, XM, Command
 from output.ebb.encode_merge import merge
 from output.ebb.encode_pieces import Borders, Parameters, Phase, quantised, split, stretched
-from output.ebb.encode_slow import slowed
-from output.ebb.encode_spans import Samples, cut, on_milliseconds, sampled
+from output.ebb.encode_slow import slowed, slowness
+from output.ebb.encode_spans import Samples, cut, on_milliseconds, sampled, without_short_end
 from output.ebb.firmware import Firmware
 from output.ebb.program import Mark, Note
 from output.ebb.queue_forecast import HOST_S, LEAD_S, STILL_MM_S, QueueForecast, queue_setup, service_s
@@ -50,10 +50,12 @@ class Family(ABC):
         self.queue = QueueForecast(queue_setup(firmware, sizing.host_s))
         self.to_mm = np.linalg.inv(kinematics.steps_per_mm).T / ONE_STEP
         self.count = 0
+        # How many times as slow as planned the part of a stroke ended that the next motion goes on from; None at rest.
+        self.begun: float | None = None
 
     @abstractmethod
-    def motion(self, borders: Borders) -> Iterator[Command | Mark]:
-        """The commands of a motion from rest to rest; moves `state` on."""
+    def motion(self, borders: Borders, last: bool = True) -> Iterator[Command | Mark]:
+        """The commands of a motion, or of a part of one that goes on from the part before; moves `state` on."""
 
     def waited(self, name: str, duration_s: float) -> None:
         """A wait or a pen move goes into the queue."""
@@ -90,11 +92,12 @@ class Cubic(Family):
         # How long what was queued last takes; nothing before the beginning was ever too short.
         self.queued_s = [np.inf] * self.queue.setup.depth
 
-    def motion(self, borders: Borders) -> Iterator[Command | Mark]:
+    def motion(self, borders: Borders, last: bool = True) -> Iterator[Command | Mark]:
         merged = split(merge(borders, self.sizing.merge_steps, self._lacking, self.to_mm))
         chosen = self._sustained(merged)
         if chosen is not merged:
             yield self.note(merged, chosen)
+        self.begun = None if last else slowness(merged, chosen)
         self._remember(np.asarray((chosen.ticks + self.firmware.dead_ticks) * TICK_S, dtype=np.float64))
         (one, two), (acc1, acc2) = self.state
         phase = Phase(one * ONE_STEP + acc1, two * ONE_STEP + acc2)
@@ -124,7 +127,8 @@ class Cubic(Family):
     def _sustained(self, borders: Borders) -> Borders:
         """The motion slowed down where the queue would run dry; moves the queue on."""
         shortest = self.sustainable_ticks("T3", borders)
-        need, chosen = np.ones(len(borders)), borders
+        need = np.ones(len(borders))
+        chosen = borders if self.begun in (None, 1.0) else slowed(borders, need, self.begun)
         while True:
             model, starved = self._queue_after(chosen)
             # What is too short among the pieces that were queued when it ran dry, and no more of them.
@@ -136,7 +140,7 @@ class Cubic(Family):
                 self.queue = model
                 return chosen
             need = np.maximum(need, wanted)
-            chosen = slowed(borders, need)
+            chosen = slowed(borders, need, self.begun)
 
     def _queue_after(self, borders: Borders) -> tuple[QueueForecast, NDArray[np.bool_]]:
         model = self.queue.copy()
@@ -173,9 +177,9 @@ class Stepwise(Family):
     name = ""
     order = 1
 
-    def motion(self, borders: Borders) -> Iterator[Command | Mark]:
+    def motion(self, borders: Borders, last: bool = True) -> Iterator[Command | Mark]:
         tolerance = self.tolerance_steps * ONE_STEP
-        factor, slower = 1.0, borders
+        factor, slower = 1.0, self.slower(borders, 1.0)
         for _ in range(8):
             samples = self.samples(slower)
             least = self.sustainable_ticks(self.name, slower)
@@ -185,10 +189,17 @@ class Stepwise(Family):
             # An error of a line goes with T^2 a, a of a motion with 1 / factor^2; of a parabola with the cube.
             excess = spans.worst / (tolerance * self.sizing.worst_steps)
             factor *= max(1.05, excess ** (1 / (self.order + 1)))
-            slower = stretched(borders, factor)
+            slower = self.slower(borders, factor)
         if factor > 1:
             yield self.note(borders, slower)
-        yield from self.commands(samples, spans.cuts.tolist())
+        self.begun = None if last else slowness(borders, slower)
+        yield from self.commands(samples, spans.cuts.tolist() if last else without_short_end(samples, spans, least), last)
+
+    def slower(self, borders: Borders, factor: float) -> Borders:
+        """The motion `factor` times as slow, or, where it goes on from a part that was not, soon so."""
+        if self.begun in (None, factor):
+            return stretched(borders, factor) if factor > 1 else borders
+        return slowed(borders, np.full(len(borders), factor), self.begun)
 
     @property
     def tolerance_steps(self) -> float:
@@ -203,8 +214,8 @@ class Stepwise(Family):
         """The motion sampled where spans may begin and end."""
 
     @abstractmethod
-    def commands(self, samples: Samples, cuts: list[int]) -> Iterator[Command]:
-        """A command for each span."""
+    def commands(self, samples: Samples, cuts: list[int], last: bool) -> Iterator[Command]:
+        """A command for each span; the motion's last ends on its rounded end for certain if it is the `last` part of it."""
 
     def done(self, command: Command) -> Command:
         """Note what the board will have after the command."""
@@ -231,10 +242,10 @@ class Quadratic(Stepwise):
     def samples(self, borders: Borders) -> Samples:
         return sampled(borders, 3 * TICKS_PER_MS, turns=True)
 
-    def commands(self, samples: Samples, cuts: list[int]) -> Iterator[Command]:
+    def commands(self, samples: Samples, cuts: list[int], last: bool) -> Iterator[Command]:
         ticks, x, v = samples.ticks[cuts].tolist(), samples.x[cuts], samples.v[cuts]
         for i in range(len(cuts) - 1):
-            lasts, final = ticks[i + 1] - ticks[i], i == len(cuts) - 2
+            lasts, final = ticks[i + 1] - ticks[i], last and i == len(cuts) - 2
             old = self.firmware.old_arithmetic
             one, two = (
                 encode_quadratic.axis_piece(
@@ -273,13 +284,13 @@ class Linear(Stepwise):
     def samples(self, borders: Borders) -> Samples:
         return on_milliseconds(borders, TICKS_PER_MS)
 
-    def commands(self, samples: Samples, cuts: list[int]) -> Iterator[Command]:
+    def commands(self, samples: Samples, cuts: list[int], last: bool) -> Iterator[Command]:
         times_ms = (samples.ticks[cuts] // TICKS_PER_MS).tolist()
         targets = np.rint(samples.x[cuts] / ONE_STEP).astype(np.int64).tolist()
         for i, (one, two) in enumerate(targets[1:]):
             duration_ms = times_ms[i + 1] - times_ms[i]
             n1, n2 = one - self.state.position[0], two - self.state.position[1]
-            final = i == len(targets) - 2
+            final = last and i == len(targets) - 2
             if self.mixed and not ((n1 + n2) % 2 and final):
                 yield self.done(XM(duration_ms, (n1 + n2) // 2, (n1 - n2) // 2))
             else:

@@ -77,25 +77,41 @@ class Cubics(NamedTuple):
     slow: NDArray[np.bool_]
 
 
-def borders_of(motion: Motion, kinematics: Kinematics, origin_mm: Array) -> Borders:
-    """The motion's borders; where it begins or ends at rest, moved into the middle 7/8 of their step so that they round to one
-    step for certain."""
+def borders_of(
+    motion: Motion, kinematics: Kinematics, origin_mm: Array, reached: Array | None = None, last: bool = True
+) -> Borders:
+    """The motion's borders, its ends moved into the middle 7/8 of their step so that they round to one step for certain.
+
+    Only where it rests: a part of a stroke goes on from `reached` (2,), where the one before ended in 2^-31 steps, and one that
+    is not the `last` ends where the plan has it.
+    """
     ticks = np.maximum(np.rint(motion.duration_s / TICK_S).astype(np.int64), 1)
     points_mm = np.vstack((motion.position_mm, motion.end_mm[None, :]))
-    velocity_mm_s = np.vstack((motion.velocity_mm_s, np.zeros((1, 2))))
-    at_rest = not motion.velocity_mm_s[:1].any()
+    velocity_mm_s = np.vstack((motion.velocity_mm_s, np.zeros((1, 2)) if last else motion.ends()[1][-1:]))
     x = kinematics.steps(points_mm - origin_mm)
     v = kinematics.steps(velocity_mm_s) * TICK_S
-    shift_start = settled(x[0]) - x[0] if at_rest else np.zeros(2)
-    shift_end = settled(x[-1]) - x[-1]
+    way = np.vstack((np.zeros((1, 2)), np.cumsum(np.abs(np.diff(x, axis=0)), axis=0)))
+    shift_start = settled(x[0]) - x[0] if reached is None else reached / ONE_STEP - x[0]
+    # A part that hardly moves an axis leaves it as much beside its place as it found it.
+    shift_end = settled(x[-1]) - x[-1] if last else np.where(way[-1] > 1.0, 0.0, shift_start)
     if shift_start.any() or shift_end.any():
         # Spread the shift over the way that the axis goes: its velocity is scaled a little and keeps its sign.
-        way = np.vstack((np.zeros((1, 2)), np.cumsum(np.abs(np.diff(x, axis=0)), axis=0)))
         total = np.where(way[-1] > 0, way[-1], 1.0)
         slope = np.where(way[-1] > 0, shift_end - shift_start, 0.0) / total
+        if reached is not None and last:
+            late = np.where(way[-1] > 1.0, 0.0, shift_end - shift_start)
+            slope = np.where(way[-1] > 1.0, slope, 0.0)
+            x, v = _over_time(x, v, ticks, late)
         x = x + shift_start + slope * way
         v = v + slope * np.abs(v)
     return Borders(x * ONE_STEP, v * ONE_STEP, ticks)
+
+
+def _over_time(x: Array, v: Array, ticks: Ints, shift: Array) -> tuple[Array, Array]:
+    """Positions and rates with `shift` (2,) added smoothly from 0 at the first to all of it at the last."""
+    time = np.concatenate(([0], np.cumsum(ticks)))[:, None]
+    u = time / time[-1]
+    return x + shift * u * u * (3 - 2 * u), v + shift * 6 * u * (1 - u) / time[-1]
 
 
 def settled(steps: Array) -> Array:

@@ -19,24 +19,40 @@ _SHARE = 0.5
 _STEEPEST = 0.5
 
 
-def slowed(borders: Borders, need: Array) -> Borders:
-    """The motion with piece i `need[i]` (n,) times as long or longer; 1 is as planned."""
+def slowed(borders: Borders, need: Array, begun: float | None = None) -> Borders:
+    """The motion with piece i `need[i]` (n,) times as long or longer; 1 is as planned.
+
+    A motion that goes on from one that was `begun` times as slow at its end starts so, whatever it needs.
+    """
     t = borders.ticks.astype(np.float64)
     stretch = np.ones(len(borders) + 1)
     stretch[:-1] = np.maximum(need, 1.0)
     stretch[1:] = np.maximum(stretch[1:], need)
     rise = _rises(borders, t).tolist()
+    if begun is not None:
+        stretch[0] = max(stretch[0], begun)
     level = stretch.tolist()
     for i, up in enumerate(rise):
         level[i + 1] = max(level[i + 1], level[i] / (1 + up * level[i]))
     for i in range(len(rise) - 1, -1, -1):
         level[i] = max(level[i], level[i + 1] / (1 + rise[i] * level[i + 1]))
+    if begun is not None:
+        level[0] = begun
+        for i, up in enumerate(rise):
+            fall = 1 - up * level[i]
+            level[i + 1] = min(level[i + 1], level[i] / fall) if fall > 0 else level[i + 1]
     stretch = np.array(level)
     ticks = np.rint(t * (stretch[:-1] + stretch[1:]) / 2).astype(np.int64)
     # Whole ticks first, and the rates after them: a tick too many would be felt as a change of speed.
     longer = ticks / t
     stretch[1:-1] = (longer[:-1] + longer[1:]) / 2
     return Borders(borders.x, borders.v / stretch[:, None], ticks)
+
+
+def slowness(planned: Borders, slower: Borders) -> float:
+    """How many times as slow the one is as the other at their end; 1 at a rest."""
+    one, two = float(np.hypot(*planned.v[-1])), float(np.hypot(*slower.v[-1]))
+    return one / two if two > 0 else 1.0
 
 
 def _rises(borders: Borders, t: Array) -> Array:

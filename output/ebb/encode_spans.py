@@ -103,6 +103,17 @@ def cut(samples: Samples, order: int, tolerance: float, least_ticks: int, most_t
     return Spans(np.array(cuts), worst)
 
 
+def without_short_end(samples: Samples, spans: Spans, least_ticks: int) -> list[int]:
+    """The cuts, the last two spans made even or one where the last is too short for a motion that goes on after it."""
+    cuts: list[int] = spans.cuts.tolist()
+    ticks = samples.ticks[cuts]
+    if len(cuts) < 3 or ticks[-1] - ticks[-2] >= least_ticks:
+        return cuts
+    middle = int(np.searchsorted(samples.ticks, (ticks[-3] + ticks[-1]) / 2))
+    enough = min(samples.ticks[middle] - ticks[-3], ticks[-1] - samples.ticks[middle]) >= least_ticks
+    return [*cuts[:-2], *([middle] if enough else []), cuts[-1]]
+
+
 def _lengths(samples: Samples, most_ticks: int) -> list[int]:
     """How many samples a span may have: all small numbers, then about an eighth more each time."""
     n = len(samples.ticks) - 1

@@ -29,9 +29,9 @@ from output.ebb.encode import BoardSetup, Encoder, epilogue
 from output.ebb.producer import BUFFER_ITEMS
 from output.ebb.program import Mark, Program
 from output.ebb.resume import Place
-from planning.motion.hold import joined, stop_on_path
+from planning.motion.hold import stop_on_path
 from planning.motion.limits import Limits
-from planning.motion.plan import TICK_S, Action, Draw, Lift, Lower, Motion
+from planning.motion.plan import TICK_S, Action, Draw, Lift, Lower, Motion, joined_motion
 
 Array = NDArray[np.float64]
 
@@ -49,13 +49,16 @@ _CATCH_UP_S = 0.01
 
 @dataclass(slots=True)
 class _Drawn:
-    """A draw whose items have been made, or are being made. `states[i]` and `ticks[i]` are the board's state and the time since
-    the draw began after its first i commands; `first` is the number of its first item; `before_mm` of its stroke was drawn
-    before it."""
+    """A draw, or a part of one, whose items have been made, or are being made.
+
+    `first` is the number of its first item; `states[i]` and `ticks[i]` are the board's state and the time since the draw began
+    after i of them. `before_mm` of its stroke was drawn before it.
+    """
 
     first: int
     motion: Motion
     stroke: int
+    last: bool
     before_mm: float
     states: list[State]
     ticks: list[int] = field(default_factory=lambda: [0])
@@ -100,7 +103,7 @@ class PausableProgram:
     def _drawing(self, action: Draw, encoder: Encoder, before_mm: float) -> Iterator[Command | Mark]:
         """The items of a draw, with what the board will be at after each."""
         state = encoder.state
-        drawn = _Drawn(self._made, action.motion, action.stroke, before_mm, [state])
+        drawn = _Drawn(self._made, action.motion, action.stroke, action.last, before_mm, [state])
         with self._lock:
             self._drawn.append(drawn)
             while len(self._drawn) > 2 and self._drawn[1].first + _AHEAD < self._made:
@@ -126,17 +129,21 @@ class PausableProgram:
                 return None
             drawn, count = now[-1], taken - now[-1].first
             states, ticks = drawn.states[: count + 1], drawn.ticks[: count + 1]
-            later = [part.motion for part in self._drawn if part.stroke == drawn.stroke and part.first > drawn.first]
-        motion = drawn.motion
-        for part in later:
-            motion = joined(motion, part)
+            parts = [part for part in self._drawn if part.stroke == drawn.stroke and part.first >= drawn.first]
+        motion = joined_motion([part.motion for part in parts])
         at_s, pace = self._plan_time(motion, states, ticks)
         paced = motion if pace >= _FULL_PACE else _paced(motion, pace)
-        stopping, end_s = stop_on_path(paced, min(at_s / pace, paced.total_s), self._limits)
+        try:
+            stopping, end_s = stop_on_path(paced, min(at_s / pace, paced.total_s), self._limits)
+        except ValueError:
+            if parts[-1].last:
+                raise
+            return None  # it would come to rest on a part of the stroke that has not been planned yet
         end_s *= motion.total_s / paced.total_s
         if not len(stopping) or end_s >= motion.total_s - TICK_S:
             return None
         encoder = Encoder(self._setup, states[-1])
+        encoder.reached = self._steps(stopping, np.zeros(1))[0] * ONE_STEP
         items: list[Command | Mark] = list(encoder.motion(stopping))
         drawn_mm = drawn.before_mm + _length_mm(motion, end_s)
         scale = float(np.sqrt(abs(np.linalg.det(self._setup.kinematics.steps_per_mm))))

@@ -78,8 +78,9 @@ def find_place(
 
     With `steps` None the position is not known: the place is after the last command that is executed for certain, which may
     draw up to the queue's length twice but leaves no gap. None when the counters fit nowhere: they were changed since.
-    `start` is where the counters stood when the program began, `first` the stroke that it begins with. The earliest place is taken where several fit. Where none does,
-    because a hold on the path has replaced commands since the part began, a place on the stroke that was being drawn is taken.
+    `start` is where the counters stood when the program began, `first` the stroke that it begins with. The earliest place is
+    taken where several fit. Where none does, because a hold on the path has replaced commands since the part began, a place on
+    the stroke that was being drawn is taken.
     Linear in the commands of the program up to the place.
     """
     if state.sent == 0 and steps in (None, start):

@@ -1,106 +1,121 @@
 """Motions for strokes: the tube where it fits, a straight profile for a line, stops at every vertex where nothing else can be
-
-found.
-"""
+found. A long stroke comes in parts, as they are planned."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from planning.errors import ImpossiblePlan
 from planning.geometry.stroke import Stroke
 from planning.motion.deviation import deviation
 from planning.motion.fit import Fit
 from planning.motion.limits import Kinematics, Limits
-from planning.motion.path import Array, Ints, Mask, path_set, thinned, thinning_mm
-from planning.motion.plan import TICK_S, Motion, still
+from planning.motion.path import Array, Ints, Mask, PathSet, path_set, thinned, thinning_mm
+from planning.motion.plan import TICK_S, Motion, joined_motion, still
 from planning.motion.speed import speed_caps
 from planning.motion.travel import straight
 from planning.motion.tube import Section, Tuning, fit_sections, knot_spacing_s
 
-# A longer stroke is planned in windows: memory and work then grow with the window.
-WINDOW_VERTICES = 1500
-WINDOW_S = 15.0
+# A longer stroke is planned in windows: memory and work then grow with the window, and its first part is out soon.
+LONG_VERTICES, LONG_S = 600, 10.0
+WINDOW_VERTICES, WINDOW_S = 1500, 15.0
+# The first window is this part of a full one; each is twice as large as the one before.
+FIRST_WINDOW = 0.125
+# A part lasts at least about this long, so that the next can be planned meanwhile.
+LEAST_PART_S = 1.0
+# Places looked at to cut a window.
+MOST_CUTS = 8
 # Constant speed: steps of speed, the least share of the limit, and how much of a corner's cap the jerk limit leaves.
 EVEN_STEP, EVEN_FLOOR, EVEN_SHARE = 0.8, 0.1, 0.7
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Work:
-    """A stroke that wants the tube: its place in the batch, its thinned vertices and their corner marks, and what thinning
+    """A stroke that wants the tube: its thinned vertices, their corner marks, and what thinning may cost."""
 
-    may cost.
-    """
-
-    place: int
     points: Array
     corners: Mask | None
     slack_mm: float
 
 
-def draw_motions(strokes: Sequence[Stroke], limits: Limits, kinematics: Kinematics, first_number: int = 0) -> list[Motion]:
-    """A motion for each stroke, in order, from its first point to its last. `first_number` is the first stroke's number, for
-    errors.
+def draw_parts(
+    strokes: Sequence[Stroke], limits: Limits, kinematics: Kinematics, first_number: int = 0, even: bool = False
+) -> Iterator[tuple[int, Motion, bool]]:
+    """Motions for all strokes, in order: the stroke's index, a part of its motion, and whether that is its last part.
 
-    Raises ImpossiblePlan naming the stroke that cannot be planned.
+    The first part starts at rest at the stroke's first point, the last ends at rest at its last; parts in between start with
+    exactly the state with which the one before ended. Short strokes are planned together at once and come whole; a long one
+    is planned window by window, when its turn comes. `even` keeps each stroke's speed as even as its bends allow: no faster
+    anywhere than where it must be slowest, and no slower for that than EVEN_FLOOR of the speed limit.
+
+    Raises ImpossiblePlan naming the stroke that cannot be planned, counted from `first_number`.
     """
-    out: list[Motion | None] = [None] * len(strokes)
-    work: list[_Work] = []
+    own = [_even_limits(stroke, limits, kinematics) if even else limits for stroke in strokes]
+    simple: dict[int, Motion] = {}
+    work: dict[int, _Work] = {}
     for i, stroke in enumerate(strokes):
-        try:
-            simple = _simple(stroke, limits, kinematics)
-        except ImpossiblePlan as error:
-            raise ImpossiblePlan(f"stroke {first_number + i}: {error}") from error
-        if isinstance(simple, Motion):
-            out[i] = simple
-        else:
-            corners = None if stroke.corners is None else stroke.corners[simple]
-            slack = thinning_mm(limits.tolerance_mm) if len(simple) < len(stroke.points_mm) else 0.0
-            work.append(_Work(i, np.ascontiguousarray(stroke.points_mm[simple]), corners, slack))
-    together = [w for w in work if not _is_long(w.points, limits)]
-    sections = [Section(w.points, w.corners, slack_mm=w.slack_mm) for w in together]
-    for w, fit in zip(together, _fit(sections, limits, kinematics), strict=True):
-        out[w.place] = _motion_of([fit], w.points) if fit is not None else legs(w.points, limits, kinematics)
-    for w in work:
-        if out[w.place] is None:
-            out[w.place] = _windowed(w, limits, kinematics)
-    missing = [first_number + i for i, motion in enumerate(out) if motion is None]
-    if missing:
-        raise ImpossiblePlan(f"stroke {missing[0]} could not be planned; lower the speed or widen the path tolerance")
-    return [motion for motion in out if motion is not None]
+        with _naming(first_number + i):
+            found = _simple(stroke, own[i], kinematics)
+            if isinstance(found, Motion):
+                simple[i] = found
+                continue
+        corners = None if stroke.corners is None else stroke.corners[found]
+        slack = thinning_mm(limits.tolerance_mm) if len(found) < len(stroke.points_mm) else 0.0
+        work[i] = _Work(np.ascontiguousarray(stroke.points_mm[found]), corners, slack)
+    together = [i for i, w in work.items() if not _is_long(w.points, own[i])]
+    for speed in sorted({own[i].speed_mm_s for i in together}, reverse=True):
+        mine = [i for i in together if own[i].speed_mm_s == speed]
+        sections = [Section(work[i].points, work[i].corners, slack_mm=work[i].slack_mm) for i in mine]
+        for i, fit in zip(mine, _fit(sections, own[mine[0]], kinematics), strict=True):
+            with _naming(first_number + i):
+                simple[i] = _motion_of(fit, work[i].points[-1]) if fit else legs(work[i].points, own[i], kinematics)
+    for i in range(len(strokes)):
+        if i in simple:
+            yield i, simple.pop(i), True
+            continue
+        with _naming(first_number + i):
+            for motion, last in _windowed(work.pop(i), own[i], kinematics):
+                yield i, motion, last
 
 
-def even_motions(strokes: Sequence[Stroke], limits: Limits, kinematics: Kinematics, first_number: int = 0) -> list[Motion]:
-    """As draw_motions, each stroke as even in speed as its bends allow: no faster anywhere than where it must be slowest.
+def draw_motions(
+    strokes: Sequence[Stroke], limits: Limits, kinematics: Kinematics, first_number: int = 0, even: bool = False
+) -> list[Motion]:
+    """As draw_parts, the parts of each stroke joined."""
+    parts: list[list[Motion]] = [[] for _ in strokes]
+    for i, motion, _ in draw_parts(strokes, limits, kinematics, first_number, even):
+        parts[i].append(motion)
+    return [joined_motion(some) for some in parts]
 
-    A stroke whose corners would make it slower than EVEN_FLOOR of the speed limit runs at that speed and slows down for them.
-    Speeds are rounded down to steps of EVEN_STEP, so that strokes can be planned together.
+
+@contextmanager
+def _naming(number: int) -> Iterator[None]:
+    try:
+        yield
+    except ImpossiblePlan as error:
+        raise ImpossiblePlan(f"stroke {number}: {error}") from error
+
+
+def _even_limits(stroke: Stroke, limits: Limits, kinematics: Kinematics) -> Limits:
+    """The limits with the speed that the whole stroke can keep, its ends aside; rounded down to steps of EVEN_STEP, so that
+
+    strokes can be planned together.
     """
-    step = [_even_step(stroke, limits, kinematics) for stroke in strokes]
-    out: list[Motion | None] = [None] * len(strokes)
-    for k in sorted(set(step)):
-        mine = [i for i, own in enumerate(step) if own == k]
-        slower = replace(limits, speed_mm_s=limits.speed_mm_s * EVEN_STEP**k)
-        for i, motion in zip(mine, draw_motions([strokes[i] for i in mine], slower, kinematics, first_number), strict=True):
-            out[i] = motion
-    return [motion for motion in out if motion is not None]
-
-
-def _even_step(stroke: Stroke, limits: Limits, kinematics: Kinematics) -> int:
-    """How many steps below the limit the speed is that the whole stroke can keep, its ends aside."""
     kept = thinned(stroke.points_mm, thinning_mm(limits.tolerance_mm))
     if len(kept) < 3:
-        return 0
+        return limits
     corners = None if stroke.corners is None else stroke.corners[kept]
     paths = path_set([stroke.points_mm[kept]], [corners], limits.tolerance_mm)
     cap, _ = speed_caps(paths, limits, kinematics, limits.acceleration_mm_s2 / limits.jerk_mm_s3)
     slowest = EVEN_SHARE * float(cap[1:-1].min())
     share = min(1.0, max(EVEN_FLOOR, slowest / limits.speed_mm_s))
-    return int(np.ceil(np.log(share) / np.log(EVEN_STEP) - 1e-9))
+    return replace(limits, speed_mm_s=limits.speed_mm_s * EVEN_STEP ** int(np.ceil(np.log(share) / np.log(EVEN_STEP) - 1e-9)))
 
 
 def _simple(stroke: Stroke, limits: Limits, kinematics: Kinematics) -> Motion | Ints:
@@ -136,23 +151,17 @@ def _fit(sections: Sequence[Section], limits: Limits, kinematics: Kinematics) ->
     return fits
 
 
-def _motion_of(fits: Sequence[Fit], points: Array) -> Motion:
-    """Fits that follow each other, joined."""
-    duration = np.concatenate([f.ticks for f in fits]) * TICK_S
-    position = np.concatenate([f.position_mm[:-1] for f in fits])
-    velocity = np.concatenate([f.velocity_mm_s[:-1] for f in fits])
-    acceleration = np.concatenate([f.acceleration_mm_s2[:-1] for f in fits])
-    after = np.concatenate((acceleration[1:], fits[-1].acceleration_mm_s2[-1:]))
-    jerk = (after - acceleration) / duration[:, None]
-    return Motion(duration, position, velocity, acceleration, jerk, np.array(points[-1], dtype=np.float64))
+def _motion_of(fit: Fit, end_mm: Array) -> Motion:
+    """The motion of a fit, ending at exactly `end_mm` (2,)."""
+    duration = (fit.ticks * TICK_S).astype(np.float64)
+    jerk = np.diff(fit.acceleration_mm_s2, axis=0) / duration[:, None]
+    return Motion(duration, fit.position_mm[:-1], fit.velocity_mm_s[:-1], fit.acceleration_mm_s2[:-1], jerk,
+                  np.array(end_mm, dtype=np.float64))  # fmt: skip
 
 
 def legs(points: Array, limits: Limits, kinematics: Kinematics) -> Motion:
     """The last resort: from rest to rest along every segment."""
-    legs = [_line(a, b, limits, kinematics) for a, b in pairwise(points)]
-    join = [np.concatenate([getattr(leg, name) for leg in legs]) for name in
-            ("duration_s", "position_mm", "velocity_mm_s", "acceleration_mm_s2", "jerk_mm_s3")]  # fmt: skip
-    return Motion(join[0], join[1], join[2], join[3], join[4], np.array(points[-1], dtype=np.float64))
+    return joined_motion([_line(a, b, limits, kinematics) for a, b in pairwise(points)])
 
 
 # --- windows -----------------------------------------------------------------------------------------------------------
@@ -160,70 +169,88 @@ def legs(points: Array, limits: Limits, kinematics: Kinematics) -> Motion:
 
 def _is_long(points: Array, limits: Limits) -> bool:
     length = float(np.hypot(*np.diff(points, axis=0).T).sum())
-    return len(points) > 2 * WINDOW_VERTICES or length > 2.0 * WINDOW_S * limits.speed_mm_s
+    return len(points) > LONG_VERTICES or length > LONG_S * limits.speed_mm_s
 
 
-def _windowed(work: _Work, limits: Limits, kinematics: Kinematics) -> Motion:
-    """Plan a window from a moving start to a rest ahead, keep all but the braking before that rest, and go on from there."""
+def _windowed(work: _Work, limits: Limits, kinematics: Kinematics) -> Iterator[tuple[Motion, bool]]:
+    """Plan a window from a moving start to a rest ahead, keep all but the braking before that rest, and go on from there.
+
+    Yields parts of the motion, and whether they are the last. The braking is kept until the next window is planned: where that
+    fails, the pen stops as it had been planned to, and goes on from rest.
+    """
     points = work.points
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
     ahead = 2.0 * limits.speed_mm_s / limits.acceleration_mm_s2 + 4.0 * limits.acceleration_mm_s2 / limits.jerk_mm_s3 + 0.1
     # What lies behind a window's start is still needed to judge the bends around it.
     context = limits.speed_mm_s * (limits.acceleration_mm_s2 / limits.jerk_mm_s3 + 0.02)
-    fits: list[Fit] = []
-    start = 0
-    at_mm = 0.0
+    start, at_mm, size = 0, 0.0, FIRST_WINDOW
     state: Array | None = None
-    vertices = WINDOW_VERTICES
+    braking: tuple[Fit, int] | None = None
     while True:
-        furthest = at_mm + WINDOW_S * limits.speed_mm_s * vertices / WINDOW_VERTICES
-        reach = int(np.searchsorted(along, furthest, side="right"))
-        here = int(np.searchsorted(along, at_mm, side="right"))
-        end = min(len(points), here + vertices, max(reach + 1, here + 2))
-        if len(points) - end < vertices // 8:
-            end = len(points)
+        end = _window_end(along, at_mm, size, limits)
+        final = end == len(points)
         corners = None if work.corners is None else work.corners[start:end]
         section = Section(points[start:end], corners, state, at_mm - along[start], work.slack_mm)
         (fit,) = _fit([section], limits, kinematics)
-        final = end == len(points)
         if fit is None:
-            if vertices > 64 * WINDOW_VERTICES or final:
-                return legs(points, limits, kinematics)
-            vertices *= 2
+            if braking is not None:
+                rest, end = braking
+                yield _motion_of(rest, points[end - 1]), end == len(points)
+            else:
+                yield legs(points[start:end], limits, kinematics), final
+            if end == len(points):
+                return
+            start, at_mm, state, braking = end - 1, float(along[end - 1]), None, None
             continue
         if final:
-            fits.append(fit.moved(float(along[start])))
-            break
-        cut = _cut(fit, ahead, limits)
+            yield _motion_of(fit, points[-1]), True
+            return
+        cut = _cut(section, fit, ahead, limits)
         if cut is None:
-            vertices *= 2
+            size *= 2.0
             continue
-        fits.append(fit.between(0, cut).moved(float(along[start])))
+        yield _motion_of(fit.between(0, cut), fit.position_mm[cut]), False
+        braking = fit.between(cut, len(fit.ticks)), end
         state = np.stack((fit.position_mm[cut], fit.velocity_mm_s[cut], fit.acceleration_mm_s2[cut]))
         at_mm = float(fit.along_mm[cut] + along[start])
         start = max(0, int(np.searchsorted(along, at_mm - context, side="right")) - 1)
-        vertices = WINDOW_VERTICES
-    motion = _motion_of(fits, points)
-    return motion if _verified(motion, work, limits, fits) else legs(points, limits, kinematics)
+        size = min(1.0, 2.0 * size)
 
 
-def _cut(fit: Fit, ahead_s: float, limits: Limits) -> int | None:
-    """The calmest knot with at least `ahead_s` of the window after it, or None when the window is too short to have one."""
+def _window_end(along: Array, at_mm: float, size: float, limits: Limits) -> int:
+    """One past the last vertex of a window of `size` (1: full size) from `at_mm`; the stroke's end when little is left."""
+    vertices = int(size * WINDOW_VERTICES)
+    here = int(np.searchsorted(along, at_mm, side="right"))
+    reach = int(np.searchsorted(along, at_mm + size * WINDOW_S * limits.speed_mm_s, side="right"))
+    end = min(len(along), here + vertices, max(reach + 1, here + 2))
+    return len(along) if len(along) - end < vertices // 8 else end
+
+
+def _cut(section: Section, fit: Fit, ahead_s: float, limits: Limits) -> int | None:
+    """The calmest knot with at least `ahead_s` of the window after it, up to which the fit has visited its path.
+
+    None when the window is too short to have one.
+    """
     time = np.concatenate(([0.0], np.cumsum(fit.ticks * TICK_S)))
     latest = time[-1] - ahead_s
-    if latest < ahead_s:
+    if latest < max(ahead_s, LEAST_PART_S):
         return None
+    paths = path_set([section.points_mm], [section.corners], limits.tolerance_mm)
+    # Calm around the knot too: whoever makes commands of the motion may not want one to end just here.
+    acceleration = maximum_filter1d(np.hypot(*fit.acceleration_mm_s2.T), 5)
     choice = np.flatnonzero((time >= latest - 0.5 * ahead_s) & (time <= latest))
-    acceleration = np.hypot(*fit.acceleration_mm_s2[choice].T) / limits.acceleration_mm_s2
-    return int(choice[np.argmin(acceleration)])
+    for cut in choice[np.argsort(acceleration[choice])][:MOST_CUTS].tolist():
+        if _visits(paths, fit.between(0, cut), section, limits):
+            return int(cut)
+    return None
 
 
-def _verified(motion: Motion, work: _Work, limits: Limits, fits: Sequence[Fit]) -> bool:
-    """The whole of a windowed stroke against its path, both ways."""
-    paths = path_set([work.points], [work.corners], limits.tolerance_mm)
-    pieces = (motion.position_mm, motion.velocity_mm_s, motion.acceleration_mm_s2, motion.jerk_mm_s3)
-    guess = np.concatenate([f.along_mm[:-1] for f in fits])
-    span = (np.zeros(1, dtype=np.int64), np.zeros(1), paths.s_mm[-1:], motion.end_mm[None, :])
-    block = np.zeros(len(motion), dtype=np.int64)
-    miss, _ = deviation(paths, pieces, motion.duration_s, block, span, guess, 0.8 * limits.tolerance_mm)
-    return bool(miss.max() <= limits.tolerance_mm - work.slack_mm)
+def _visits(paths: PathSet, fit: Fit, section: Section, limits: Limits) -> bool:
+    """True when the fit leaves out nothing of its path from `section.from_mm` to where it ends."""
+    span = (np.zeros(1, dtype=np.int64), np.array([section.from_mm]), fit.along_mm[-1:], fit.position_mm[-1:])
+    h = (fit.ticks * TICK_S).astype(np.float64)
+    jerk = np.diff(fit.acceleration_mm_s2, axis=0) / h[:, None]
+    pieces = (fit.position_mm[:-1], fit.velocity_mm_s[:-1], fit.acceleration_mm_s2[:-1], jerk)
+    block = np.zeros(len(h), dtype=np.int64)
+    miss, _ = deviation(paths, pieces, h, block, span, fit.along_mm[:-1], 0.8 * limits.tolerance_mm)
+    return bool(miss.max() <= limits.tolerance_mm - section.slack_mm)

@@ -17,7 +17,7 @@ The last part, from SLOW of full speed to rest, is an ordinary jerk-limited ramp
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -26,7 +26,7 @@ from planning.errors import ImpossiblePlan
 from planning.motion import banded, spline
 from planning.motion.limits import Limits
 from planning.motion.path import Array, Ints
-from planning.motion.plan import TICK_S, Motion
+from planning.motion.plan import TICK_S, Motion, joined_motion
 
 # Below this part of plan speed the stop is a plain ramp.
 SLOW = 0.3
@@ -41,6 +41,8 @@ GENTLER, ATTEMPTS = 0.85, 16
 # Where the motion is too close to its limits to brake at once, it runs on this long first.
 DELAYS_S = (0.0, 0.01, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8)
 STOP_ATTEMPTS = 4
+# Slower than this (mm/s) is at rest.
+MOVING_MM_S = 1e-6
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -55,7 +57,8 @@ def stop_on_path(motion: Motion, from_s: float, limits: Limits) -> tuple[Motion,
     """Come to rest on the motion's own path, starting from its state at plan time `from_s` (rounded up to a tick).
 
     Returns the stopping motion, which starts moving, and the plan time it comes to rest at. Keeps `limits` wherever the
-    motion itself does. Near its end the motion just runs out. Raises ValueError for a time outside the motion.
+    motion itself does. Near its end the motion just runs out. Raises ValueError for a time outside the motion, or when it
+    would run out moving: the part of the stroke that follows must be joined to it then.
     """
     begin = _tick_up(motion, from_s)
     total = motion.total_s
@@ -65,21 +68,32 @@ def stop_on_path(motion: Motion, from_s: float, limits: Limits) -> tuple[Motion,
         for _ in range(STOP_ATTEMPTS):
             ramp = _ramp(motion, start, min(total, start + HORIZON_S), limits, gentle)
             if ramp is None or start + ramp.plan_s[-1] >= total:
-                return _part(motion, begin, total), total
+                return _run_out(motion, begin)
             duration = int(np.ceil(ramp.tau_s[-1] / TICK_S))
             knots = _knots(motion, ramp.tau_s, start + ramp.plan_s, duration)
             at = start + np.interp(knots * TICK_S, ramp.tau_s, ramp.plan_s)
             found = _fitted(motion, knots, at, limits)
             if found is not None:
-                return joined(_part(motion, begin, start), found), start + float(ramp.plan_s[-1])
+                return _joined(_part(motion, begin, start), found), start + float(ramp.plan_s[-1])
             gentle *= GENTLER
-    return _part(motion, begin, total), total
+    return _run_out(motion, begin)
+
+
+def _run_out(motion: Motion, from_s: float) -> tuple[Motion, float]:
+    _end_at_rest(motion)
+    return _part(motion, from_s, motion.total_s), motion.total_s
+
+
+def _end_at_rest(motion: Motion) -> None:
+    if len(motion) and np.abs(motion.sample(np.array([motion.total_s]))[1]).max() > MOVING_MM_S:
+        raise ValueError("the motion is still moving at its end: join the part of the stroke that follows to it")
 
 
 def resume_on_path(motion: Motion, at_s: float, limits: Limits) -> Motion:
     """From rest at the motion's point of plan time `at_s`, speed up along its path, join it exactly and run it to its end.
 
-    Raises ValueError for a time outside the motion, ImpossiblePlan when no start within `limits` is found.
+    Raises ValueError for a time outside the motion, or one so near the end of a motion that ends moving that the start would
+    run into what follows; ImpossiblePlan when no start within `limits` is found.
     """
     total = motion.total_s
     if not 0.0 <= at_s <= total + TICK_S:
@@ -99,6 +113,7 @@ def resume_on_path(motion: Motion, at_s: float, limits: Limits) -> Motion:
         plan = np.append(plan, max(join - at_s, plan[-1]))
         if join >= total - 1e-9:
             # The motion ends before full speed: it may be cut off anywhere, being at rest there in any case.
+            _end_at_rest(motion)
             end = float(np.interp(total - at_s, plan, tau))
             tau, plan = np.append(tau[tau < end], end), np.append(plan[tau < end], total - at_s)
             join = total
@@ -108,7 +123,7 @@ def resume_on_path(motion: Motion, at_s: float, limits: Limits) -> Motion:
         at = at_s + np.interp(knots * TICK_S - wait, tau, plan)
         found = _fitted(motion, knots, at, limits, from_rest=True)
         if found is not None:
-            return joined(found, _part(motion, join, total))
+            return _joined(found, _part(motion, join, total))
     raise ImpossiblePlan(
         f"no start from rest at plan time {at_s:.6g} s of a {total:.6g} s motion keeps its limits; "
         "lift the pen and redraw the stroke"
@@ -247,12 +262,6 @@ def _part(motion: Motion, from_s: float, to_s: float) -> Motion:
     return Motion(duration, position, velocity, acceleration, motion.jerk_mm_s3[low:high], end)
 
 
-def joined(first: Motion, second: Motion) -> Motion:
-    """Two motions, the second starting where and as the first ends."""
-    if not len(second):
-        return replace(first, end_mm=second.end_mm)
-    if not len(first):
-        return second
-    names = ("duration_s", "position_mm", "velocity_mm_s", "acceleration_mm_s2", "jerk_mm_s3")
-    values = [np.concatenate((getattr(first, name), getattr(second, name))) for name in names]
-    return Motion(values[0], values[1], values[2], values[3], values[4], second.end_mm)
+def _joined(first: Motion, second: Motion) -> Motion:
+    """Two motions, the second starting where and as the first ends; either may have no pieces."""
+    return joined_motion([first, second]) if len(first) else second

@@ -143,11 +143,10 @@ def _within(lay: spline.Layout, states: list[Array], limits: Limits, kinematics:
     _, v, a = states
     j = np.zeros_like(a)
     j[:-1] = np.diff(a, axis=0) / lay.spacing_s[:-1, None]
-    speed = np.maximum(
-        np.hypot(*v.T) / limits.speed_mm_s, np.abs(v @ kinematics.steps_per_mm.T).max(axis=1) / kinematics.max_step_rate
-    )
+    speed = np.hypot(*v.T) / limits.speed_mm_s
     jerk = np.hypot(*j.T)
     fast = np.maximum(speed, np.concatenate((speed[1:], speed[-1:]))) + jerk * lay.spacing_s**2 / 8.0 / limits.speed_mm_s
+    fast = np.maximum(fast, kinematics.step_rate_share(v, a, j, lay.spacing_s))
     over = np.maximum(np.where(lay.is_interval, np.maximum(jerk / limits.jerk_mm_s3, fast), 0.0),
                       np.where(lay.is_knot, np.hypot(*a.T) / limits.acceleration_mm_s2, 0.0))  # fmt: skip
     return np.asarray(np.maximum.reduceat(over, lay.first) <= TAKE)

@@ -58,6 +58,21 @@ class Kinematics:
         """The greatest speed along the unit vector `direction` (2,) that both motors can step."""
         return float(self.max_step_rate / np.abs(self.steps_per_mm @ direction).max())
 
+    def step_rate_share(
+        self, velocity: NDArray[np.float64], acceleration: NDArray[np.float64], jerk: NDArray[np.float64],
+        duration_s: NDArray[np.float64],
+    ) -> NDArray[np.float64]:  # fmt: skip
+        """The greatest rate of either motor in each piece (n,) over `max_step_rate`, from the states at its start (n, 2).
+
+        Exact: a motor's rate is quadratic in time, so greatest at an end or where its acceleration is 0.
+        """
+        h = duration_s[:, None]
+        v, a, j = self.steps(velocity), self.steps(acceleration), self.steps(jerk)
+        still = np.clip(-a * np.sign(j), 0.0, h * np.abs(j)) / np.maximum(np.abs(j), 1e-300)
+        rates = np.maximum(np.abs(v), np.abs(v + h * (a + h * j / 2)))
+        rates = np.maximum(rates, np.abs(v + still * (a + still * j / 2)))
+        return np.asarray(np.maximum(rates[:, 0], rates[:, 1]) / self.max_step_rate)
+
     @property
     def max_speed_any_direction_mm_s(self) -> float:
         """The greatest speed that both motors can step whatever the direction: max over directions is the row norm."""

@@ -3,8 +3,12 @@
 A Plan is a sequence of actions. Travel and draw carry a Motion: x(t), y(t) as piecewise cubics in machine millimetres.
 Clock: plan time, seconds since the motion's own start. Positions are planned positions; nothing here knows a queue.
 
+A long stroke is drawn in several Draws, its parts, so that the first can be drawn while the rest is planned.
+
 Laws (property tests in tests/laws):
 - inside a motion, position, velocity and acceleration are continuous; it starts and ends at rest;
+- but parts of one stroke follow each other directly, moving: each starts with exactly the position, velocity and acceleration
+  with which the one before it ended, the first from rest, and the one that says `last` ends at rest;
 - each motion starts exactly where the one before it ended;
 - speed, acceleration and jerk stay within their limits at every instant;
 - a draw stays within the path tolerance of its stroke, visits all of it, and starts and ends on its ends.
@@ -12,7 +16,7 @@ Laws (property tests in tests/laws):
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,7 +31,7 @@ TICK_S = 40e-6
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Motion:
-    """A piecewise cubic from rest to rest. n pieces; each has its duration and the state at its start.
+    """A piecewise cubic, from rest to rest unless it is a part of one. n pieces, each with its duration and state at its start.
 
     `duration_s` (n,), whole multiples of TICK_S; `position_mm`, `velocity_mm_s`, `acceleration_mm_s2`, `jerk_mm_s3` (n, 2);
     `end_mm` (2,), the position after the last piece. n = 0 is a motion that stays where it is (a dot).
@@ -92,6 +96,15 @@ def still(at_mm: Array) -> Motion:
     return Motion(np.zeros(0), none, none, none, none, np.asarray(at_mm, dtype=np.float64))
 
 
+def joined_motion(parts: Sequence[Motion]) -> Motion:
+    """Motions that follow each other, at least one, as one."""
+    if len(parts) == 1:
+        return parts[0]
+    names = ("duration_s", "position_mm", "velocity_mm_s", "acceleration_mm_s2", "jerk_mm_s3")
+    columns = [np.concatenate([getattr(part, name) for part in parts]) for name in names]
+    return Motion(columns[0], columns[1], columns[2], columns[3], columns[4], parts[-1].end_mm)
+
+
 PenHeight = Literal["up", "low"]
 
 
@@ -135,10 +148,14 @@ class Lower:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Draw:
-    """Move with the pen down along stroke number `stroke` (its place in the plan, from 0)."""
+    """Move with the pen down along stroke number `stroke` (its place in the plan, from 0), or along a part of it.
+
+    Without `last` the next action is the Draw of the next part, which goes on from the state at this one's end.
+    """
 
     motion: Motion
     stroke: int
+    last: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,10 @@ import numpy as np
 
 from planning.errors import OutsideMachine
 from planning.geometry.stroke import Layer, Stroke
-from planning.motion.draw import draw_motions, even_motions
+from planning.motion.draw import draw_parts
 from planning.motion.limits import Kinematics, Limits
 from planning.motion.path import Array
-from planning.motion.plan import TICK_S, Action, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
+from planning.motion.plan import TICK_S, Action, Draw, Dwell, LayerStart, Lift, Lower, OperatorPause, Travel
 from planning.motion.travel import Bounds, travel
 
 # A drawing may stick out by this much: arithmetic of page and machine coordinates, far below a motor step.
@@ -85,9 +85,9 @@ def check_bounds(layers: Iterable[Layer], bounds_mm: Bounds) -> None:
 def plan(layers: Iterable[Layer], settings: MotionSettings, start_mm: Array, end_mm: Array | None) -> Iterator[Action]:
     """The plan of `layers`, drawn in order from `start_mm` (2,), ending at `end_mm` or over the last stroke's end when None.
 
-    Actions come as soon as their chunk is planned; memory is bounded by a chunk, or by the longest stroke. Raises
-    ImpossiblePlan naming the stroke that cannot be planned (its number in the plan, from 0) and OutsideMachine for one that
-    leaves the machine's travel.
+    Actions come as soon as their chunk is planned, the Draws of a long stroke window by window; memory is bounded by a chunk.
+    Raises ImpossiblePlan naming the stroke that cannot be planned (its number in the plan, from 0) and OutsideMachine for one
+    that leaves the machine's travel.
     """
     at = np.array(start_mm, dtype=np.float64)
     number = 0
@@ -104,15 +104,20 @@ def plan(layers: Iterable[Layer], settings: MotionSettings, start_mm: Array, end
             budget = min(settings.chunk_vertices, budget * 4)
             chunk = strokes[done : done + take]
             check_bounds([replace(layer, strokes=tuple(chunk))], settings.bounds_mm)
-            for stroke, motion in zip(chunk, _draws(chunk, settings, number), strict=True):
-                yield Travel(travel(at, motion.start_mm, settings.travel, settings.kinematics, settings.bounds_mm))
-                yield Lower(settings.pen.lower_s, number)
-                yield Draw(motion, number)
-                if stroke.is_dot and settings.pen.dot_dwell_s > 0:
+            begun = False
+            for i, motion, last in draw_parts(chunk, settings.draw, settings.kinematics, number, settings.constant_speed):
+                if not begun:
+                    yield Travel(travel(at, motion.start_mm, settings.travel, settings.kinematics, settings.bounds_mm))
+                    yield Lower(settings.pen.lower_s, number + i)
+                yield Draw(motion, number + i, last)
+                begun = not last
+                if begun:
+                    continue
+                if chunk[i].is_dot and settings.pen.dot_dwell_s > 0:
                     yield Dwell(float(np.ceil(settings.pen.dot_dwell_s / TICK_S - 1e-6) * TICK_S))
                 yield Lift(settings.pen.lift_s)
                 at = motion.end_mm
-                number += 1
+            number += take
             done += take
     if end_mm is not None:
         yield Travel(travel(at, np.array(end_mm, dtype=np.float64), settings.travel, settings.kinematics, settings.bounds_mm))
@@ -127,8 +132,3 @@ def _chunk(strokes: list[Stroke], start: int, vertices: int) -> int:
             break
         count += 1
     return max(1, count)
-
-
-def _draws(chunk: list[Stroke], settings: MotionSettings, number: int) -> Iterator[Motion]:
-    draw = even_motions if settings.constant_speed else draw_motions
-    yield from draw(chunk, settings.draw, settings.kinematics, number)

@@ -527,23 +527,23 @@ class _Solver:
         j[:-1] = np.diff(a, axis=0) / lay.spacing_s[:-1, None]
         offset = q - rows.target
         sideways = np.abs(offset[:, 1] * rows.tangent[:, 0] - offset[:, 0] * rows.tangent[:, 1])
-        motors = np.abs(v @ self.kinematics.steps_per_mm.T)
-        motor = np.maximum(motors[:, 0], motors[:, 1]) / (AIM_SPEED * self.kinematics.max_step_rate)
+        motor = np.where(lay.is_interval, self.kinematics.step_rate_share(v, a, j, lay.spacing_s) / AIM_SPEED, 0.0)
         ratio = np.stack((
             np.where(lay.is_interval, np.hypot(j[:, 0], j[:, 1]) / self.jerk, 0.0),
             np.where(lay.is_knot, np.hypot(a[:, 0], a[:, 1]) / self.accel, 0.0),
             np.where(lay.is_knot, sideways / rows.room, 0.0),
         ))  # fmt: skip
-        speed = np.where(lay.is_knot, np.maximum(np.hypot(v[:, 0], v[:, 1]) / self.speed, motor), 0.0)
+        speed = np.where(lay.is_knot, np.hypot(v[:, 0], v[:, 1]) / self.speed, 0.0)
         anchors = rows.anchors
         at = sum(anchors.basis[k][:, None] * control[anchors.row + k] for k in range(4))
         miss = at - anchors.target
         xx, xy, yy = anchors.metric.T
         anchor_ratio = np.sqrt(np.maximum(0.0, xx * miss[:, 0] ** 2 + 2 * xy * miss[:, 0] * miss[:, 1] + yy * miss[:, 1] ** 2))
         local = np.maximum(np.maximum(np.cbrt(ratio[0]), np.sqrt(ratio[1])), np.maximum(ratio[2] ** 0.6, speed))
+        local = np.maximum(local, motor)
         # Inside a piece speed exceeds that at its ends by at most |j| h^2 / 8: add that to be sure.
         fast = np.maximum(speed, np.concatenate((speed[1:], speed[-1:])))
-        fast += ratio[0] * (self.jerk / self.speed) * lay.spacing_s**2 / 8.0
+        fast = np.maximum(fast + ratio[0] * (self.jerk / self.speed) * lay.spacing_s**2 / 8.0, motor)
         over = np.maximum(
             np.maximum(ratio[0] * (AIM_JERK / TAKE), ratio[1] * (AIM_ACCELERATION / TAKE)),
             np.maximum(ratio[2] * AIM_TOLERANCE, fast * (AIM_SPEED / TAKE)),

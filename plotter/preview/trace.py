@@ -71,6 +71,7 @@ def trace(
     """The pen's way through `actions`, in one pass; a stroke's own colour goes before its layer's, then the palette's."""
     seen = Trace()
     number = 0
+    parts: list[Points] = []
     for action in actions:
         if isinstance(action, LayerStart):
             number = action.number
@@ -82,7 +83,11 @@ def trace(
         elif isinstance(action, Draw):
             own = stroke_colors[action.stroke] if stroke_colors and 0 <= action.stroke < len(stroke_colors) else None
             color = own or (layer_colors or {}).get(number) or PALETTE[max(number - 1, 0) % len(PALETTE)]
-            seen.ink.append(Line(flatten(action.motion, tolerance_mm), visible(color), number))
+            points = flatten(action.motion, tolerance_mm)
+            parts.append(points[1:] if parts else points)
+            if action.last:
+                seen.ink.append(Line(np.concatenate(parts), visible(color), number))
+                parts = []
     return seen
 
 

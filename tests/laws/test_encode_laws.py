@@ -15,7 +15,7 @@ from output.ebb.firmware import firmware
 from output.ebb.program import StrokeEnd
 from planning.motion.limits import Kinematics
 from planning.motion.plan import Action, Draw, Motion
-from tests.output.motion_samples import CARTESIAN, COREXY, drawing, straight, wandering
+from tests.output.motion_samples import CARTESIAN, COREXY, drawing, in_parts, straight, wandering
 
 PEN = PenCommands(16000, 24000, 400, 400)
 QUICK = settings(max_examples=15, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
@@ -80,9 +80,13 @@ def phases_at_ticks(commands: list[Command], start: int, axis: int) -> np.ndarra
     return np.concatenate(parts)
 
 
-def every_tick(motion: Motion, setup: BoardSetup) -> tuple[list[np.ndarray], np.ndarray]:
-    """Step counters of both axes after every tick, and the plan's steps there."""
-    commands = [c for c in encode([Draw(motion, 0)], setup) if isinstance(c, Command)]
+def draws(parts: list[Motion]) -> list[Action]:
+    return [Draw(part, 0, part is parts[-1]) for part in parts]
+
+
+def every_tick(motion: Motion, setup: BoardSetup, borders: list[int] | None = None) -> tuple[list[np.ndarray], np.ndarray]:
+    """Step counters of both axes after every tick, and the plan's steps there. The motion comes in parts, cut at `borders`."""
+    commands = [c for c in encode(draws(in_parts(motion, borders or [])), setup) if isinstance(c, Command)]
     start = np.rint(setup.kinematics.steps(motion.start_mm)).astype(int)
     counters = [phases_at_ticks(commands, int(start[axis]) * ONE_STEP + ONE_STEP // 2, axis) >> 31 for axis in (0, 1)]
     times = np.arange(1, len(counters[0]) + 1) * 40e-6
@@ -97,6 +101,65 @@ def test_at_every_tick_each_motor_is_within_a_step_of_the_plan(seed: int, ticks:
     assert len(counters[0]) == round(motion.total_s / 40e-6)
     for axis in (0, 1):
         assert np.abs(counters[axis] - wanted[:, axis]).max() <= min(0.5 + merge + 0.17, 1.0)
+
+
+@QUICK
+@given(seed=st.integers(0, 10**6), merge=st.sampled_from([0.0, 0.4]), cuts=st.lists(st.integers(1, 59), min_size=1, max_size=6))
+def test_a_stroke_that_comes_in_parts_is_one_motion(seed: int, merge: float, cuts: list[int]) -> None:
+    """Every tick within the same bound, no time lost, the same end; and nothing is rounded to a step where parts meet."""
+    motion = wandering(seed, 60, 300, step_mm=1.2)
+    setup = setup_for("3.0.3", sizing=Sizing(merge_steps=merge))
+    borders = sorted(set(cuts))
+    counters, wanted = every_tick(motion, setup, borders)
+    assert len(counters[0]) == round(motion.total_s / 40e-6)
+    for axis in (0, 1):
+        assert np.abs(counters[axis] - wanted[:, axis]).max() <= min(0.5 + merge + 0.17, 1.0)
+    items = list(encode(draws(in_parts(motion, borders)), setup))
+    assert [type(item) for item in items if not isinstance(item, Command)] == [StrokeEnd]
+    phases = [phases_at_ticks([c for c in items if isinstance(c, Command)], ONE_STEP // 2, axis) for axis in (0, 1)]
+    ends = np.rint(np.cumsum(motion.duration_s) / 40e-6).astype(int)[[k - 1 for k in borders]]
+    for axis in (0, 1):
+        off = (phases[axis][ends - 1] - ONE_STEP // 2) / ONE_STEP - wanted[ends - 1, axis]
+        assert np.abs(off).max() <= 1 / 64 + 1 / 500
+
+
+@pytest.mark.parametrize(("version", "family"), EVERY)
+@settings(QUICK, max_examples=2)
+@given(seed=st.integers(0, 10**6), cartesian=st.booleans())
+def test_parts_of_strokes_end_on_the_rounded_end(version: str, family: str, seed: int, cartesian: bool) -> None:
+    kinematics = CARTESIAN if cartesian else COREXY
+    rng = np.random.default_rng(seed)
+    whole = drawing(seed, 3, pieces=90)
+    actions: list[Action] = []
+    for action in whole:
+        if isinstance(action, Draw):
+            borders = sorted({int(k) for k in rng.integers(30, len(action.motion) - 30, 2)})
+            parts = in_parts(action.motion, borders)
+            actions += [Draw(part, action.stroke, part is parts[-1]) for part in parts]
+        else:
+            actions.append(action)
+    setup = setup_for(version, family, kinematics)
+    state, ends, ticks = run(actions, setup)
+    wanted = {a.stroke: kinematics.steps(a.motion.end_mm) for a in whole if isinstance(a, Draw)}
+    assert [mark.index for mark, _ in ends] == [0, 1, 2]
+    for mark, at in ends:
+        assert at.position == mark.steps == tuple(np.rint(wanted[mark.index]).astype(int))
+    assert state.position == (0, 0)
+    assert ticks <= run(whole, setup)[2] * 1.05 + 25 * 9
+
+
+@pytest.mark.parametrize("edge", [0.49, -0.49, 0.4999, 0.1])
+def test_an_axis_that_rests_in_the_last_part_still_ends_on_its_step(edge: float) -> None:
+    """Motor 2 gets near where rounding changes in the first part and rests there in the next."""
+    corner = CARTESIAN.millimetres(np.array([[4000.0, 3000.0 + edge]]))[0]
+    first = straight(np.zeros(2), corner, 2000, 5000)
+    second = straight(corner, corner + np.array([40.0, 0.0]), 2000, 5000)
+    for parts in ([first, second], [*in_parts(first, [2]), *in_parts(second, [1, 3])]):
+        _, ends, _ = run(draws(parts), setup_for("3.0.3", kinematics=CARTESIAN))
+        assert ends[0][1].position == tuple(np.rint(CARTESIAN.steps(second.end_mm)).astype(int))
+        phase = np.array(ends[0][1].acc) / ONE_STEP
+        assert (phase >= 1 / 16 - 1 / 64).all()
+        assert (phase <= 15 / 16 + 1 / 64).all()
 
 
 @QUICK

@@ -9,12 +9,20 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from planning.geometry.stroke import Layer, Stroke
+from planning.motion import draw
 from planning.motion.draw import draw_motions
 from planning.motion.limits import Kinematics, Limits
-from planning.motion.plan import Draw, Travel
+from planning.motion.plan import Draw, Motion, Travel, joined_motion
 from planning.motion.planner import MotionSettings, PenTiming, plan
 from planning.motion.travel import travel
-from tests.planning.motion_checks import assert_continuous, assert_keeps_all_laws, assert_whole_ticks, samples
+from tests.planning.motion_checks import (
+    assert_continuous,
+    assert_keeps_all_laws,
+    assert_keeps_step_rate,
+    assert_parts_follow,
+    assert_whole_ticks,
+    samples,
+)
 
 COREXY = Kinematics(np.array([[80.0, 80.0], [80.0, -80.0]]), 25000.0)
 CARTESIAN = Kinematics(np.array([[80.0, 0.0], [0.0, 120.0]]), 20000.0)
@@ -75,9 +83,7 @@ def check_strokes(points: list[NDArray[np.float64]], limits: Limits, kinematics:
     assert len(motions) == len(points)
     for p, motion in zip(points, motions, strict=True):
         assert_keeps_all_laws(motion, p, limits)
-        if len(motion):
-            _, v, _, _ = samples(motion)
-            assert np.abs(kinematics.steps(v)).max() <= kinematics.max_step_rate * (1 + 1e-9)
+        assert_keeps_step_rate(motion, kinematics)
 
 
 @quick
@@ -132,6 +138,21 @@ def test_travel_keeps_each_motors_limits(
 @settings(max_examples=10, deadline=None)
 @given(st.lists(strokes(), min_size=0, max_size=4), st.booleans())
 def test_each_motion_starts_where_the_one_before_ended(points: list[NDArray[np.float64]], constant: bool) -> None:
+    follow(points, constant)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.lists(strokes(), min_size=1, max_size=3), st.booleans())
+def test_so_do_the_parts_of_a_stroke(points: list[NDArray[np.float64]], constant: bool) -> None:
+    """With windows so small that most strokes come in parts."""
+    small = {"LONG_VERTICES": 4, "LONG_S": 0.5, "WINDOW_VERTICES": 40, "WINDOW_S": 1.5, "LEAST_PART_S": 0.0}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in small.items():
+            patch.setattr(draw, name, value)
+        follow(points, constant)
+
+
+def follow(points: list[NDArray[np.float64]], constant: bool) -> None:
     wide = ((-2000.0, -2000.0), (2000.0, 2000.0))
     settings_ = MotionSettings(
         SETS[1], Limits(300, 3000, 200e3), COREXY, PenTiming(0.1, 0.2, 0.05), wide, constant_speed=constant
@@ -139,12 +160,18 @@ def test_each_motion_starts_where_the_one_before_ended(points: list[NDArray[np.f
     layer = Layer(1, "ink", tuple(Stroke(p) for p in points))
     at = np.zeros(2)
     drawn = []
+    parts: list[Motion] = []
     for action in plan([layer], settings_, at, np.array([1.0, 2.0])):
+        assert not parts or isinstance(action, Draw)
         if isinstance(action, Travel | Draw):
             assert (action.motion.start_mm == at).all()
             at = action.motion.end_mm
         if isinstance(action, Draw):
-            drawn.append(action.stroke)
-            assert_keeps_all_laws(action.motion, points[action.stroke], settings_.draw)
+            parts.append(action.motion)
+            if action.last:
+                drawn.append(action.stroke)
+                assert_parts_follow(parts)
+                assert_keeps_all_laws(joined_motion(parts), points[action.stroke], settings_.draw)
+                parts = []
     assert drawn == list(range(len(points)))
     assert (at == (1.0, 2.0)).all()

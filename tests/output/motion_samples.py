@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,6 +46,17 @@ def straight(start_mm: NDArray[np.float64], end_mm: NDArray[np.float64], ramp_ti
     way = (end_mm - start_mm) / p[-1]
     columns = [np.asarray(values[:-1])[:, None] * way for values in (p, v, a)]
     return Motion(t, start_mm + columns[0], columns[1], columns[2], unit_jerk[:, None] * way, np.asarray(end_mm, dtype=float))
+
+
+def in_parts(motion: Motion, borders: list[int]) -> list[Motion]:
+    """The motion cut before these pieces: parts that go on from each other, moving."""
+    ends = np.vstack((motion.position_mm, motion.end_mm))
+    parts = []
+    for low, high in pairwise([0, *borders, len(motion)]):
+        p = slice(low, high)
+        parts.append(Motion(motion.duration_s[p], motion.position_mm[p], motion.velocity_mm_s[p],
+                            motion.acceleration_mm_s2[p], motion.jerk_mm_s3[p], ends[high]))  # fmt: skip
+    return parts
 
 
 def drawing(seed: int, strokes: int, pieces: int = 40, ticks: int = 250) -> list[Action]:

@@ -16,7 +16,7 @@ from output.ebb.firmware import firmware
 from output.ebb.program import Note
 from output.ebb.verify import compare, verify
 from planning.motion.plan import Draw, Lift, Lower, Motion
-from tests.output.motion_samples import COREXY, spline_motion, wandering
+from tests.output.motion_samples import COREXY, in_parts, spline_motion, wandering
 
 PEN = PenCommands(16000, 24000, 400, 300)
 TO_MM = np.linalg.inv(COREXY.steps_per_mm).T / ONE_STEP
@@ -134,6 +134,30 @@ def test_slowing_down_changes_time_alone() -> None:
     assert compare([one @ (TO_MM * ONE_STEP)], [other @ (TO_MM * ONE_STEP)], 0.002).drawn.max_mm * 80 < 0.15
     assert accelerations(slower).max() < 1.6 * accelerations(borders).max()
     assert slowed(borders, np.ones(len(borders))).ticks.tolist() == borders.ticks.tolist()
+
+
+@pytest.mark.parametrize("version", ["3.0.3", "2.8.1", "2.4.0"])
+def test_parts_that_are_slowed_go_on_from_each_other(version: str) -> None:
+    """A dense part between calm ones: the rate does not jump where they meet, and the board is still told in time."""
+    rng = np.random.default_rng(3)
+    t = np.linspace(0, 8, 700)
+    calm = np.column_stack((20 * t, 5 * np.sin(t)))
+    scribble = calm[-1] + np.cumsum(rng.normal(0, 0.15, (400, 2)), axis=0)
+    motion = spline_motion(np.vstack((np.zeros((1, 2)), calm, scribble, calm + scribble[-1])), 60)
+    setup = BoardSetup(COREXY, firmware(version), PEN)
+    jumps, seconds = {}, {}
+    for borders in ([], [600, 700, 900, 1110, 1300]):
+        parts = in_parts(motion, borders)
+        draws = [Draw(part, 0, part is parts[-1]) for part in parts]
+        report = verify([*prologue(setup), *encode([Lower(0.1, 0), *draws, Lift(0.1)], setup)], setup.firmware, COREXY)
+        assert report.sendable and report.predicted_underruns == 0
+        jumps[len(parts)], seconds[len(parts)] = report.max_velocity_jump_mm_s, report.pen_down_s
+        apart = compare(report.strokes, [motion.sample(np.linspace(0, motion.total_s, 40000))[0]], 0.005)
+        assert max(apart.drawn.max_mm, apart.wanted.max_mm) * 80 < {"3": 0.75, "2": 4.0}[version[0]]
+    # Firmware 2 slows each part by a factor of its own: shorter, and rougher only by what the lines and parabolas of the
+    # less slowed parts are. (Without going on from each other's factor the rate jumps seven times as much.)
+    assert jumps[6] <= jumps[1] * {"3": 1.1, "2": 2.2}[version[0]] + 0.5
+    assert seconds[6] <= seconds[1] * 1.02 + 0.05
 
 
 @pytest.mark.parametrize("version", ["3.0.3", "3.0.0"])

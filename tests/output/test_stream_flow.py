@@ -209,7 +209,7 @@ def test_the_button_pauses_between_strokes_and_goes_on() -> None:
 
 
 def test_a_hold_on_the_path_replaces_what_remains() -> None:
-    """What was sent stays, the replacement brakes and lifts, and the stream ends as held. While it cannot, it is asked again."""
+    """What was sent stays, the replacement brakes and lifts, and the stream ends as held; while it cannot it is asked on."""
     stop, asked = StopFlag(), []
     items = list(drawing(strokes=2, moves=100))
 

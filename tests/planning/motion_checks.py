@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
-from planning.motion.limits import Limits
-from planning.motion.plan import TICK_S, Motion
+from planning.motion.limits import Kinematics, Limits
+from planning.motion.plan import TICK_S, Motion, joined_motion
 
 Points = NDArray[np.float64]
 
@@ -31,6 +34,19 @@ def assert_continuous(motion: Motion, from_rest: bool = True) -> None:
         assert not motion.acceleration_mm_s2[0].any()
 
 
+def assert_parts_follow(parts: Sequence[Motion]) -> None:
+    """Each part starts with exactly the state with which the one before ended; the first and the last are at rest outside."""
+    for before, after in pairwise(parts):
+        position, velocity, acceleration = (x[-1] for x in before.ends())
+        assert (before.end_mm == after.start_mm).all()
+        assert np.abs(position - after.position_mm[0]).max() < 1e-9
+        assert np.abs(velocity - after.velocity_mm_s[0]).max() < 1e-7
+        assert np.abs(acceleration - after.acceleration_mm_s2[0]).max() < 1e-5
+    for part in parts:
+        assert len(part) or len(parts) == 1
+    assert_continuous(joined_motion(parts))
+
+
 def samples(motion: Motion, step_s: float = 0.0005) -> tuple[Points, Points, Points, Points]:
     count = max(200, int(np.ceil(motion.total_s / step_s)) + 1)
     return motion.sample(np.linspace(0.0, motion.total_s, count))
@@ -41,6 +57,18 @@ def assert_within_limits(motion: Motion, limits: Limits) -> None:
     assert np.hypot(*v.T).max() <= limits.speed_mm_s * (1 + 1e-9)
     assert np.hypot(*a.T).max() <= limits.acceleration_mm_s2 * (1 + 1e-9)
     assert np.hypot(*j.T).max() <= limits.jerk_mm_s3 * (1 + 1e-9)
+
+
+def assert_keeps_step_rate(motion: Motion, kinematics: Kinematics) -> None:
+    """Every motor's rate at the ends of each piece and where it turns inside: a quadratic has no other extremes."""
+    if not len(motion):
+        return
+    v, a, j = (kinematics.steps(x) for x in (motion.velocity_mm_s, motion.acceleration_mm_s2, motion.jerk_mm_s3))
+    h = motion.duration_s[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = np.where(j == 0.0, 0.0, np.clip(-a / j, 0.0, h))
+    for t in (np.zeros_like(h), turn, h):
+        assert np.abs(v + t * (a + t * j / 2)).max() <= kinematics.max_step_rate * (1 + 1e-9)
 
 
 def farthest(at: Points, line: Points) -> float:

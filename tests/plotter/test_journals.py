@@ -11,9 +11,11 @@ from output.ebb import arithmetic, arithmetic_old
 from output.ebb.arithmetic import State
 from output.ebb.commands import CS, EM, Command, MotionCommand
 from output.ebb.program import StrokeEnd
+from planning.motion import draw
+from planning.motion.plan import Draw
 from plotter.board_setup import board_setup
 from plotter.journals import Part, part_program
-from plotter.pipeline import prepare
+from plotter.pipeline import planned, prepare
 from plotter.settings import resolve
 from plotter.svg.options import ReadOptions
 
@@ -28,10 +30,24 @@ DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" width="60mm" height="60mm" 
 def test_a_resumed_part_ends_its_strokes_on_their_steps(
     acc: tuple[int, int], firmware: str, homed: bool, tmp_path: Path
 ) -> None:
+    check_ends(acc, firmware, homed, tmp_path)
+
+
+@pytest.mark.parametrize("firmware", ["3.0.3", "2.8.1", "2.6.6"])
+def test_so_does_one_whose_strokes_come_in_parts(firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small = {"LONG_S": 0.2, "WINDOW_VERTICES": 60, "WINDOW_S": 3.0, "LEAST_PART_S": 0.0}
+    for name, value in small.items():
+        monkeypatch.setattr(draw, name, value)
+    parts = check_ends((123_456_789, 7), firmware, False, tmp_path, draw_speed=15.0)
+    assert parts > 6
+
+
+def check_ends(acc: tuple[int, int], firmware: str, homed: bool, tmp_path: Path, **more: object) -> int:
+    """Checks that every stroke ends on its steps, and so does the plot; in how many parts the strokes were drawn."""
     settings_file, drawing = tmp_path / "settings.toml", tmp_path / "drawing.svg"
     settings_file.write_text("")
     drawing.write_text(DRAWING)
-    job = prepare(str(drawing), ReadOptions(), resolve({"firmware": firmware}, settings_file).values)
+    job = prepare(str(drawing), ReadOptions(), resolve({"firmware": firmware, **more}, settings_file).values)
     setup = board_setup(job.settings, job.machine)
     steps = np.array([[3000, 801]])
     here = (0.0, 0.0) if homed else tuple(map(float, setup.kinematics.millimetres(steps)[0]))
@@ -50,3 +66,4 @@ def test_a_resumed_part_ends_its_strokes_on_their_steps(
             assert isinstance(item, Command) or item
     assert ends == job.stroke_count - 1
     assert state.position == (0, 0)
+    return sum(isinstance(action, Draw) for action in planned(job))
