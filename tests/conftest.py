@@ -1,7 +1,16 @@
-"""What the tests share: the flag that renews golden files."""
+"""What the tests share: the flag that renews golden files, and how examples of property tests are chosen."""
 
 import pytest
+from hypothesis import settings
+
+# The same examples in every run, so that a change is judged by itself; the long loops look for new ones each time.
+settings.register_profile("same", derandomize=True)
+settings.register_profile("new", derandomize=False)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--renew-golden", action="store_true", help="write the golden command files anew instead of comparing")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    settings.load_profile("same" if config.getoption("markexpr") == "not long" else "new")

@@ -65,7 +65,10 @@ class Region:
     def crossings(self, points: Floats) -> tuple[Ints, Floats]:
         """Segments of the polyline that meet the boundary, and where on them (0 to 1); also where an edge along them ends."""
         tree = self._ready()
-        segment, edge = tree.query(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
+        low, high = np.minimum(points[:-1], points[1:]), np.maximum(points[:-1], points[1:])
+        # As wide as `holds` sees: a segment beside an edge, as near as that, is cut where the edge ends.
+        reach = shapely.box(*(low - ON_BOUNDARY_MM).T, *(high + ON_BOUNDARY_MM).T)
+        segment, edge = tree.query(reach)
         return meetings(points, segment, self._ends[edge])
 
 

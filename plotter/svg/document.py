@@ -153,7 +153,7 @@ def _parse(data: bytes, name: str, budgets: Budgets, notes: Notes, has_entities:
                 recover=True,
             )
             return etree.fromstring(data, parser)
-        text = str(error.msg or error)
+        text = " ".join(str(error.msg or error).split()).replace(" ,", ",")
         if "depth" in text.lower() and "excessive" in text.lower():
             raise BadInput(
                 f"{name} nests elements deeper than the limit of {budgets.nesting}; "

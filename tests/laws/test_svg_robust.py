@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from plotter.errors import BadInput
@@ -35,6 +35,7 @@ def mutated(data: bytes, cuts: list[tuple[float, int, str]]) -> bytes:
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@example(FILES[0], [(0.5, 1, "\0")])
 @given(st.sampled_from(FILES), CUTS)
 def test_damaged_documents_are_read_or_refused(file: Path, cuts: list[tuple[float, int, str]]) -> None:
     try:
@@ -100,6 +101,7 @@ def length(pieces: list[Piece]) -> float:
 
 
 @settings(max_examples=80, deadline=None)
+@example([(1.0, 0.0), (0.0, 0.0), (0.0, 3.0)], (1.192092896e-07, 0.0), 1.0, 2.0)
 @given(LINE, st.tuples(COORDINATE, COORDINATE), st.floats(0.5, 15), st.floats(0.5, 15))
 def test_inside_and_outside_make_the_whole(
     points: list[tuple[float, float]], corner: tuple[float, float], w: float, h: float
