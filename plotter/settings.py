@@ -76,6 +76,7 @@ class Settings(BaseModel):
     max_stroke: Annotated[Length, Field(gt=0)] | None = Field(None, description="Cut strokes longer than this.")
     group: Literal["layer", "color"] = Field("layer", description="Keep the file's layers, or gather each colour into one.")
     commands: Literal["auto", "t3", "lt", "lm", "sm", "xm"] = Field("auto", description="Board commands to use.")
+    checksums: bool = Field(False, description="Have the board check every command it gets (firmware 3).")
     seed: int = Field(0, ge=0, description="Seed of the ordering's random choices.")
 
     rotate: Literal["auto", "0", "90", "180", "270"] = Field(

@@ -29,6 +29,7 @@ class Abilities:
     `stop_clears`   ES empties the whole queue (3.0.0); before, servo moves, delays and LT stay in it;
     `stop_frees`    ES,1 also lets go of the motors (2.8.0);
     `variables`     how many bytes SL and QL have: 32 (3.0.0) or 1;
+    `checksums`     CU,54 (3.0.0);
     `power_flag`    CU,60 and bit 6 of QG tell of lost motor power (3.0.0).
     """
 
@@ -51,7 +52,7 @@ class Abilities:
     def deep_queue(self) -> bool:
         return self.version >= (3, 0, 0)
 
-    future_syntax = power_flag = deep_queue
+    future_syntax = power_flag = checksums = deep_queue
 
     @property
     def pen_now(self) -> bool:

@@ -111,6 +111,12 @@ class Conversation:
         return self.protocol.syntax
 
 
+def suspended_s() -> float:
+    """For how long this computer has been asleep since it was started; 0 where the system does not tell."""
+    boot = getattr(time, "CLOCK_BOOTTIME", None)
+    return 0.0 if boot is None else time.clock_gettime(boot) - time.clock_gettime(time.CLOCK_MONOTONIC)
+
+
 def complaint(event: Event, context: str) -> BoardRefused | LinkLost:
     """The error for something that should not have come; `context` says what was being done."""
     if isinstance(event, Refusal):

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 import serial
 
+from output.ebb.commands_text import with_checksum
 from output.ebb.port_lock import PortLock
 from output.errors import BoardRefused, LinkLost
 
@@ -180,3 +181,27 @@ def _advice(name: str, error: BaseException) -> str:
 
 def _reason(error: BaseException) -> str:
     return (str(error) or type(error).__name__).strip().rstrip(".")[:120]
+
+
+class ChecksummedPort:
+    """A port to a board that wants a checksum behind every command (CU,54,1): noise in the cable is refused, not obeyed."""
+
+    def __init__(self, port: Port) -> None:
+        self._port = port
+        self.name = port.name
+
+    def send(self, data: bytes) -> None:
+        lines = data.decode("ascii").split("\r")
+        self._port.send("\r".join(with_checksum(line) if line else line for line in lines).encode("ascii"))
+
+    def receive(self, timeout_s: float) -> bytes:
+        return self._port.receive(timeout_s)
+
+    def wake(self) -> None:
+        self._port.wake()
+
+    def close(self) -> None:
+        """Leaves the board as other programs expect it."""
+        with contextlib.suppress(LinkLost):
+            self.send(b"CU,54,0\r")
+        self._port.close()

@@ -19,7 +19,7 @@ from output.ebb.commands import Command
 from output.ebb.control import StopFlag, signals_stop
 from output.ebb.conversation import REPLY_TIMEOUT_S, Clock, Conversation
 from output.ebb.handshake import greet
-from output.ebb.link import Port, SerialPort
+from output.ebb.link import ChecksummedPort, Port, SerialPort
 from output.ebb.program import Program
 from output.ebb.protocol import Syntax
 from output.ebb.safe_stop import StopReport, safe_stop
@@ -57,17 +57,31 @@ class StreamResult:
     signal_number: int | None = None
 
 
-def connect(port: str | Port, *, clock: Clock = time.monotonic, clear: bool = True, board_speed: float = 1.0) -> Board:
+def connect(
+    port: str | Port,
+    *,
+    clock: Clock = time.monotonic,
+    clear: bool = True,
+    board_speed: float = 1.0,
+    checksums: bool = False,
+) -> Board:
     """Opens the port for ourselves and finds an EiBotBoard there, whatever state it was left in.
 
     `clear` also stops what is still moving from before and raises the pen: a new connection starts empty. `board_speed` is a
-    virtual board's time scale.
+    virtual board's time scale. `checksums` has the board check every command (firmware 3).
     Raises LinkLost for a port that is missing or goes away; BoardRefused for one that is denied, in use, or no EiBotBoard.
     """
-    link = SerialPort(port) if isinstance(port, str) else port
+    link: Port = SerialPort(port) if isinstance(port, str) else port
     try:
         talk = Conversation(link, clock)
         abilities = greet(talk)
+        if checksums:
+            if not abilities.checksums:
+                raise BoardRefused(
+                    f"firmware {abilities.name} knows no checksums, it needs 3.0.0: leave --checksums out, or update the board"
+                )
+            talk.ask("CU,54,1")
+            talk.port = link = ChecksummedPort(link)
         board = Board(talk, abilities, board_speed)
         if clear:
             board.clear()

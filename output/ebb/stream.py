@@ -21,7 +21,7 @@ from output.ebb.abilities import Abilities
 from output.ebb.board_time import board_time_s
 from output.ebb.commands import S2, SP, TP, Command
 from output.ebb.control import StopFlag
-from output.ebb.conversation import Conversation, complaint
+from output.ebb.conversation import Conversation, complaint, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.producer import Item, Producer
 from output.ebb.program import LayerMark, Mark, PauseMark, Program, StrokeEnd, StrokeMark
@@ -38,6 +38,8 @@ _PROGRESS_EVERY_S = 0.1
 # How often the position and the job token are asked for.
 _PLACE_EVERY_S = 0.5
 _BUTTON_PRESSES, _BUTTON_STUCK_S = 3, 1.0
+# A difference between the clocks that stop in sleep and those that do not: more than their own jitter.
+_SLEPT_S = 0.5
 # How much longer than predicted the oldest command may take before the board is said to be stuck.
 _STUCK_MARGIN_S = 5.0
 # These change the conversation itself or drop the board off the USB; a stream cannot contain them.
@@ -156,6 +158,7 @@ class Streamer:
         self._idle = True
         self.held = self.left = False
         self._hold_tried_at = -1
+        self._slept_s = suspended_s()
         self._oldest_since = 0.0
         self._oldest = 0
 
@@ -167,6 +170,7 @@ class Streamer:
             while not self._finished():
                 if self._stop.requested:
                     raise StopRequested
+                self._notice_sleep()
                 self._follow_pause()
                 self._feed()
                 self._ask_if_due()
@@ -395,6 +399,14 @@ class Streamer:
         return f"the plot, command {self.progress.commands_executed + 1} of {self.progress.commands_sent} sent{stroke}"
 
     # pause
+
+    def _notice_sleep(self) -> None:
+        """After a sleep nobody knows what became of the board: it pauses, and the poll asks for its token at once."""
+        slept_s = suspended_s()
+        if slept_s > self._slept_s + _SLEPT_S:
+            self._stop.pause(f"the computer was asleep for {slept_s - self._slept_s:.0f} s")
+            self._next_place_at = self._next_poll_at = self._talk.clock()
+        self._slept_s = slept_s
 
     def _follow_pause(self) -> None:
         state = self.progress.state

@@ -17,6 +17,7 @@ from output.ebb.session import connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from planning.motion.limits import Kinematics
 from plotter.board_setup import board_setup
+from plotter.cli.awake import awake
 from plotter.cli.options import SIM, collect, settings_options
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.reading import collect_reading, reading_options
@@ -42,7 +43,7 @@ from plotter.units import spoken_duration
 @settings_options
 @reading_options
 def plot(file: str, port: str | None, speed: float, record: Path | None, picture: Path | None, **options: Any) -> None:
-    """Plot FILE.svg (- reads standard input). Ctrl-C raises the pen and stops the motors.
+    """Plot FILE.svg (- reads standard input). Ctrl-C pauses with the pen up; once more, it stops.
 
     \b
     plotter plot drawing.svg --port /dev/ttyACM0
@@ -68,7 +69,7 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
 def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | None) -> None:
     """Plot on the board at `port`. `head` is the journal's; None keeps none, for a board that goes when the plot does."""
     attended = head is not None or sys.stdin.isatty()
-    with connect(port, board_speed=board_speed) as board, ExitStack() as context:
+    with awake(), connect(port, board_speed=board_speed, checksums=job.settings.checksums) as board, ExitStack() as context:
         setup = board_setup(job.settings, job.machine, board.firmware)
         journal = None if head is None else context.enter_context(_begun(head))
         ended = plot_in_parts(board, job, setup, journal, None, pauses=attended)

@@ -12,6 +12,7 @@ from output.ebb.resume import Place, find_place, position_lost
 from output.ebb.session import Board, connect
 from output.errors import BoardRefused
 from plotter.board_setup import board_setup
+from plotter.cli.awake import awake
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.streaming import finish
 from plotter.journals import Part, interrupted_plot, journal_path, made_again, part_after, part_program
@@ -35,7 +36,7 @@ def resume(port: str | None, homed: bool) -> None:
     state = interrupted_plot()
     device = choose_port(port)
     job = made_again(state)
-    with connect(device, clear=False) as board:
+    with awake(), connect(device, clear=False, checksums=job.settings.checksums) as board:
         board.wait_until_still(_STILL_TIMEOUT_S)
         board.clear()
         setup = board_setup(job.settings, job.machine, board.firmware)

@@ -10,6 +10,7 @@ from output.ebb.ports import choose_port
 from output.ebb.session import connect
 from output.ebb.verify import verify
 from output.ebb.virtual.process import start_virtual_board
+from plotter.cli.awake import awake
 from plotter.cli.options import SIM
 from plotter.cli.streaming import finish, patience_s, streamed
 from plotter.cli.verify import DEFAULT_FIRMWARE, DEFAULT_MACHINE
@@ -47,7 +48,7 @@ def send(file: str, port: str | None, speed: float) -> None:
 
 def _send_to(port: str, file: str, header: dict[str, str], items: list[Line], board_speed: float) -> None:
     machine = load_machine(header.get("machine", DEFAULT_MACHINE))
-    with connect(port, board_speed=board_speed) as board:
+    with awake(), connect(port, board_speed=board_speed) as board:
         reach = (0.0, 0.0, machine.width_mm, machine.height_mm)
         report = verify(items, firmware(board.firmware), machine.kinematics(), travel_mm=reach, keep_strokes=False)
         if not report.sendable:

@@ -234,6 +234,23 @@ def test_a_hold_on_the_path_replaces_what_remains() -> None:
     assert result.progress.strokes_done == 0
 
 
+def test_a_sleep_of_the_computer_pauses_and_the_token_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    slept, states = [0.0], []
+    monkeypatch.setattr("output.ebb.stream.suspended_s", lambda: slept[0])
+    stop = StopFlag()
+
+    def watch(progress: Progress) -> None:
+        if progress.strokes_done == 1:
+            slept[0] = 600.0
+        if progress.state is State.PAUSED:
+            states.append(progress.message)
+            stop.go()
+
+    result, _ = plot(FakeEbb(), stop=stop, on_progress=watch)
+    assert result.outcome == "done"
+    assert set(states) == {"the computer was asleep for 600 s"}
+
+
 def test_a_board_that_never_finishes_a_move_is_told() -> None:
     def stuck(fake: FakeEbb) -> None:
         if fake.executing is not None and fake.executing.wire == "SM,30,20,-10":
