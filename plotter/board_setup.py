@@ -23,7 +23,16 @@ def board_setup(
     return BoardSetup(
         kinematics=machine.kinematics(),
         firmware=firmware(firmware_version or settings.firmware),
-        pen=PenCommands(lift.up_pulse, lift.down_pulse, lift.rate_up, lift.rate_down),
+        pen=PenCommands(
+            lift.up_pulse,
+            lift.down_pulse,
+            lift.rate_up,
+            lift.rate_down,
+            pin=None if lift.pin == 1 else lift.pin,
+            low=lift.pulse(settings.low_percent),
+            channels=lift.channels,
+            solenoid=lift.output == "solenoid",
+        ),
         origin_mm=origin_mm,
         family=settings.commands,
     )

@@ -11,7 +11,7 @@ from output.ebb.encode import BoardSetup, encode, epilogue, prologue
 from output.ebb.program import Mark
 from planning.geometry.stroke import Layer
 from planning.motion.plan import Action
-from planning.motion.planner import MotionSettings, PenTiming, check_bounds, plan
+from planning.motion.planner import MotionSettings, check_bounds, plan
 from planning.ordering.arrange import OrderOptions, order_layers
 from plotter.arrange import Arranged, arrange
 from plotter.board_setup import HOME_MM
@@ -77,7 +77,7 @@ def motion_settings(settings: Settings, machine: Machine) -> MotionSettings:
         draw=settings.draw_limits(),
         travel=settings.travel_limits(),
         kinematics=machine.kinematics(),
-        pen=PenTiming(settings.lower_time, settings.lift_time, settings.dot_dwell),
+        pen=settings.pen_timing(),
         bounds_mm=_travel_bounds(machine),
         constant_speed=settings.constant_speed,
     )

@@ -17,6 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from output.ebb.firmware import firmware
 from output.errors import BadCommand
+from planning.motion.clearance import PenTiming
 from planning.motion.limits import Limits
 from plotter import units
 from plotter.errors import BadInput
@@ -54,10 +55,20 @@ class Settings(BaseModel):
     tolerance: Annotated[Length, Field(ge=0.005, le=0.2)] = Field(description="How far the pen may leave its path.")
     constant_speed: bool = Field(False, description="As even a speed on paper as the limits allow.")
 
+    lift: str | None = Field(
+        None, description="Pen lift: standard-servo, brushless or solenoid; the machine's own when not given."
+    )
     pen_up: Percent = Field(description="Pen height when up.")
     pen_down: Percent = Field(description="Pen height when down.")
+    pen_low: Percent | None = Field(None, description="Pen height of a low lift.")
+    low_lift: Annotated[Length, Field(ge=0, le=1000)] = Field(
+        5.0, description="Lift only to the low height for travels shorter than this; 0 is never."
+    )
     lift_time: Delay = Field(description="Time to wait for the pen to rise.")
     lower_time: Delay = Field(description="Time to wait for the pen to reach the paper.")
+    overlap: Annotated[float, Field(ge=0, le=1)] = Field(
+        0.8, description="How much of the pen's way lies within travel, 0 (none of it) to 1 (all that keeps it off the paper)."
+    )
     dot_dwell: Delay = Field(0.05, description="How long the pen rests on a dot.")
 
     order: Literal["none", "greedy", "best"] = Field("best", description="How strokes are put in order.")
@@ -93,6 +104,9 @@ class Settings(BaseModel):
     def _up_is_above_down(self) -> Settings:
         if self.pen_up <= self.pen_down:
             raise ValueError(f"pen_up ({self.pen_up:g} %) must be above pen_down ({self.pen_down:g} %)")
+        if self.pen_low is not None and not self.pen_down < self.pen_low <= self.pen_up:
+            bounds = f"above pen_down ({self.pen_down:g} %) and at most at pen_up ({self.pen_up:g} %)"
+            raise ValueError(f"pen_low ({self.pen_low:g} %) must lie {bounds}")
         return self
 
     @field_validator("firmware")
@@ -114,8 +128,21 @@ class Settings(BaseModel):
 
     def pen_lift(self) -> PenLift:
         """The machine's pen lift with this pen's heights."""
-        profile = load_pen_lift(self.machine_profile().pen_lift)
+        profile = load_pen_lift(self.lift or self.machine_profile().pen_lift)
         return profile.model_copy(update={"up_percent": self.pen_up, "down_percent": self.pen_down})
+
+    @property
+    def low_percent(self) -> float:
+        """The height of a low lift; when none is given, the pen lift's share of this pen's way."""
+        if self.pen_low is not None:
+            return self.pen_low
+        return self.pen_down + self.pen_lift().low * (self.pen_up - self.pen_down)
+
+    def pen_timing(self) -> PenTiming:
+        """How long the plan waits for the pen, and what of that overlaps with travel."""
+        low = (self.low_percent - self.pen_down) / (self.pen_up - self.pen_down)
+        clearance = self.pen_lift().clearance(self.lift_time, self.lower_time, low)
+        return PenTiming(self.lower_time, self.lift_time, self.dot_dwell, self.overlap, self.low_lift, clearance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,22 +173,23 @@ def resolve(flags: Mapping[str, Any], file: Path | None = None) -> ResolvedSetti
     machine = load_machine(str(given.get("machine", Settings.model_fields["machine"].default)))
     quality_name = str(given.get("quality", Settings.model_fields["quality"].default))
     quality = load_quality(quality_name).model_dump()
-    lift = load_pen_lift(machine.pen_lift)
+    lift_name = str(given.get("lift") or machine.pen_lift)
+    lift = load_pen_lift(lift_name)
     for key, value in quality.items():
         name = _UNIT.sub("", key)
         if name not in given:
             given[name], origin[name] = value, f"quality {quality_name}"
     for name, height in (("pen_up", lift.up_percent), ("pen_down", lift.down_percent)):
         if name not in given:
-            given[name], origin[name] = height, f"pen lift {machine.pen_lift}"
+            given[name], origin[name] = height, f"pen lift {lift_name}"
     given.setdefault("lift_time", 0.0)
     given.setdefault("lower_time", 0.0)
     values = _validated(given)
     lift = values.pen_lift()
     timed = {}
-    for name, seconds in (("lift_time", lift.lift_s()), ("lower_time", lift.lower_s())):
+    for name, value in (("lift_time", lift.lift_s()), ("lower_time", lift.lower_s()), ("pen_low", values.low_percent)):
         if name not in origin:
-            timed[name], origin[name] = seconds, f"pen lift {machine.pen_lift}"
+            timed[name], origin[name] = value, f"pen lift {lift_name}"
     values = values.model_copy(update=timed)
     return ResolvedSettings(values, {name: origin.get(name, "default") for name in Settings.model_fields})
 

@@ -27,7 +27,7 @@ from typing import IO, NamedTuple, TextIO
 
 from output.ebb.commands import Command
 from output.ebb.commands_text import parse_as_sent, parse_command
-from output.ebb.program import LayerMark, Mark, Note, PauseMark, StrokeEnd, StrokeMark
+from output.ebb.program import ApproachMark, LayerMark, Mark, Note, PauseMark, StrokeEnd, StrokeMark
 from output.errors import BadCommand
 
 TITLE = "plotter command file"
@@ -69,6 +69,8 @@ def mark_line(mark: Mark) -> str:
     match mark:
         case LayerMark(number=number, name=name):
             return f"# layer {number} {_one_line(name)}".rstrip()
+        case ApproachMark():
+            return "# approach"
         case StrokeMark(index=index):
             return f"# stroke {index}"
         case StrokeEnd(index=index, steps=steps):
@@ -121,6 +123,8 @@ def _parsed(lines: Iterable[tuple[int, str]], problems: list[str] | None) -> Ite
 
 
 def _mark(text: str) -> Mark | None:
+    if text.strip() == "# approach":
+        return ApproachMark()
     if match := _STROKE.match(text):
         return StrokeMark(int(match[1]))
     if match := _END.match(text):

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from output.ebb import encode_families
 from output.ebb.arithmetic import ONE_STEP, State
-from output.ebb.commands import EM, LT, SC, SM, SP, SR, Command
+from output.ebb.commands import EM, LT, S2, SC, SM, SP, SR, Command
 from output.ebb.encode_families import Family, Sizing
 from output.ebb.encode_pieces import PRIMED, borders_of
 from output.ebb.firmware import Firmware
-from output.ebb.program import LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
+from output.ebb.program import ApproachMark, LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
 from output.errors import BadCommand
 from planning.motion.limits import Kinematics
 from planning.motion.plan import Action, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
@@ -34,9 +34,10 @@ FamilyName = Literal["auto", "t3", "lt", "lm", "sm", "xm"]
 
 @dataclass(frozen=True, slots=True)
 class PenCommands:
-    """How the board raises and lowers the pen: servo positions in 1 / 12 MHz, rates in those per 24 ms, RB pin (None: RB1).
+    """How the board raises and lowers the pen: servo positions in 1 / 12 MHz, rates in those per period, RB pin (None: RB1).
 
-    `first_lift_s` is how long the very first lift may take: nobody knows where the pen is then.
+    `low` is the position of a low lift (None: as up); `channels` servo outputs of 3 ms share a period; `solenoid` is a pen lift
+    on the solenoid output instead. `first_lift_s` is how long the very first lift may take: nobody knows where the pen is then.
     """
 
     up: int
@@ -46,6 +47,14 @@ class PenCommands:
     pin: int | None = None
     servo_timeout_ms: int = 60_000
     first_lift_s: float = 0.5
+    low: int | None = None
+    channels: int = 8
+    solenoid: bool = False
+
+    @property
+    def rp_pin(self) -> int:
+        """The servo's pin as S2 counts it: RB0 is RP3."""
+        return 3 + (1 if self.pin is None else self.pin)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -68,6 +77,10 @@ class BoardSetup:
 
 def pen_heights(pen: PenCommands, firmware: Firmware) -> Iterator[Command]:
     """The pen's heights and speeds, which the board is told before it moves the pen."""
+    if pen.solenoid:
+        yield SC(1, 0)
+    if pen.channels != 8:
+        yield SC(8, pen.channels)
     yield SC(4, pen.up)
     yield SC(5, pen.down)
     if firmware.version >= (1, 9, 2):
@@ -128,6 +141,7 @@ class Encoder:
         self.family: Family = encode_families.choose(setup.family, setup.firmware, setup.kinematics, setup.sizing)
         # Where (2^-31 steps) the part of a stroke ended that the next motion goes on from; None at rest.
         self.reached: NDArray[np.float64] | None = None
+        self.late_s = 0.0
         self.started = state is not None
         if state is not None:
             self.family.state = state
@@ -139,17 +153,18 @@ class Encoder:
 
     def action(self, action: Action) -> Iterator[Command | Mark]:
         match action:
-            case Travel(motion=motion):
-                yield from self.motion(motion)
+            case Travel(motion=motion, lower_at_s=lower_at_s):
+                yield from self.motion(motion) if lower_at_s is None else self.lowering(motion, lower_at_s)
             case Draw(motion=motion, stroke=stroke, last=last):
                 yield from self.motion(motion, last)
                 if last:
                     yield StrokeEnd(stroke, self.family.state.position)
             case Lower(wait_s=wait_s, stroke=stroke):
                 yield StrokeMark(stroke)
-                yield self.pen(0, wait_s)
-            case Lift(wait_s=wait_s):
-                yield self.pen(1, wait_s)
+                yield self.pen(0, wait_s + self.late_s)
+                self.late_s = 0.0
+            case Lift(wait_s=wait_s, height=height):
+                yield self.low(wait_s) if height == "low" else self.pen(1, wait_s)
             case Dwell(duration_s=duration_s):
                 yield from self.wait(duration_s)
             case LayerStart(number=number, name=name):
@@ -172,9 +187,39 @@ class Encoder:
             )
         yield from self.family.motion(borders, last)
 
+    def lowering(self, motion: Motion, at_s: float) -> Iterator[Command | Mark]:
+        """A travel on whose way the lowering begins: SP waits for its turn in the queue, and there takes a tick.
+
+        Where a single place follows the command that executes, SP would take that place, and the motion would stop until the
+        host has filled it again: there the pen is lowered when the travel has ended.
+        """
+        if not self.family.lowers_in_motion:
+            self.late_s = motion.total_s - at_s
+            yield from self.motion(motion)
+            return
+        yield ApproachMark()
+        before, after = motion.split(at_s)
+        yield from self.motion(before, last=False)
+        yield self.pen(0, 0.0)
+        yield from self.motion(after)
+
     def pen(self, value: int, wait_s: float) -> Command:
         command = _pen(value, wait_s, self.setup)
         self.family.waited("SP", (command.duration_ms or 0) / 1000)
+        return command
+
+    def low(self, wait_s: float) -> Command:
+        """The pen to its low height. SC,4 would be quicker to say, but it acts when it is parsed, while
+
+        earlier lifts still wait in the queue; S2 carries its height and rate through it. Before S2 (2.2.0), a lift all the way.
+        """
+        pen = self.setup.pen
+        if pen.low is None or pen.low == pen.up or pen.solenoid:
+            return self.pen(1, wait_s)
+        command = S2(pen.low, pen.rp_pin, pen.rate_up, int(np.ceil(wait_s * 1000 - 1e-6)))
+        if self.setup.firmware.refusal(command) is not None:
+            return self.pen(1, wait_s)
+        self.family.waited("SP", (command.delay_ms or 0) / 1000)
         return command
 
     def wait(self, duration_s: float) -> Iterator[Command]:

@@ -41,7 +41,12 @@ class Sizing:
 
 
 class Family(ABC):
-    """Base: the state that the board will have, and a model of its queue."""
+    """Base: the state that the board will have, and a model of its queue.
+
+    `lowers_in_motion`: other commands may stand in the queue between two of a motion's, which may then be encoded in parts.
+    """
+
+    lowers_in_motion = False
 
     def __init__(self, firmware: Firmware, kinematics: Kinematics, sizing: Sizing) -> None:
         self.firmware = firmware
@@ -85,6 +90,8 @@ class Family(ABC):
 
 class Cubic(Family):
     """T3, and TD for the two halves of a ramp where `pairs`: one command for each cubic."""
+
+    lowers_in_motion = True
 
     def __init__(self, firmware: Firmware, kinematics: Kinematics, sizing: Sizing, pairs: bool) -> None:
         super().__init__(firmware, kinematics, sizing)

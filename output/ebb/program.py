@@ -20,6 +20,11 @@ class LayerMark:
 
 
 @dataclass(frozen=True, slots=True)
+class ApproachMark:
+    """The travel that follows ends with the pen on its way down: before it is the last place to wait with the pen up."""
+
+
+@dataclass(frozen=True, slots=True)
 class StrokeMark:
     """The commands that follow lower the pen for, and draw, stroke `index` of the plan, until `StrokeEnd`."""
 
@@ -48,5 +53,5 @@ class Note:
     text: str
 
 
-Mark = LayerMark | StrokeMark | StrokeEnd | PauseMark | Note
+Mark = LayerMark | ApproachMark | StrokeMark | StrokeEnd | PauseMark | Note
 Program = Iterable[Command | Mark]

@@ -25,6 +25,8 @@ Ints = NDArray[np.int64]
 MOVE, WAIT, PEN = 0, 1, 2
 _CHUNK_ROWS = 65536
 _PEN_PIN = 4  # RP4 is RB1, the pen servo
+_SLOT_MS = 3  # a servo channel's
+_REST_RATE = ONE_STEP // 2500  # ten steps a second: slower is at rest
 # Within these bounds int64 holds every sum of a row's rates; others are computed with Python's integers.
 _LONGEST = 1 << 20
 _STEEPEST = 1 << 40
@@ -86,6 +88,10 @@ class Replay:
     _shift: tuple[int, int] = (0, 0)
     _scale: int = 1
     _servo: tuple[int, int] = (22565, 15302)
+    _rate_down: int = 400
+    _channels: int = 8
+    _pen_rp: int = _PEN_PIN
+    _falling: int | None = None
     _tag: tuple[bool, int, int] = (False, 0, -1)
     _line: int = 0
     _rows: list[_Row] = field(default_factory=list)
@@ -99,7 +105,10 @@ class Replay:
         plain = not self.firmware.old_arithmetic
         for entry in self.program:
             item = entry.item if isinstance(entry, Line) else entry
-            if plain and type(item) is T3 and item.clear is None and item.intervals <= _LONGEST and not self._counted:
+            if (
+                plain and type(item) is T3 and item.clear is None and item.intervals <= _LONGEST
+                and not self._counted and self._falling is None
+            ):  # fmt: skip
                 if not self._tags or self._tags[-1][1] is not self._tag:
                     self._retag()
                 one, two = (item.rate1, item.accel1, item.jerk1), (item.rate2, item.accel2, item.jerk2)
@@ -181,10 +190,22 @@ class Replay:
         return True
 
     def _timed(self, ticks: int, one: tuple[int, int, int], two: tuple[int, int, int], index: int) -> None:
+        self._fall(ticks + 1)
         self._retag()
         self._rows.append((ticks, 1, *one, *two, MOVE, index))
 
+    def _fall(self, ticks: int) -> None:
+        """A pen that is lowered in motion is down from the row on in which it comes half way: so early a lowering shows."""
+        if self._falling is None:
+            return
+        self._falling -= ticks
+        if self._falling < 0:
+            self._falling = None
+            self._set_pen(True)
+
     def _still(self, ticks: int, kind: int, index: int) -> None:
+        if kind != PEN:
+            self._fall(ticks)
         if self._counted:
             self._keep_counted(max(ticks, 1), 0, self._still_phase(), self.counters(), (STILL, STILL), kind, index)
             return
@@ -196,15 +217,31 @@ class Replay:
             self._tags.append((len(self._rows), self._tag))
 
     def _servo_move(self, command: SP | TP | S2, index: int) -> None:
+        wait_ms = command.delay_ms if isinstance(command, S2) else command.duration_ms
+        in_motion = not wait_ms and self._moving()
+        self._falling = None
         match command:
             case SP():
-                self._set_pen(command.value == 0)
+                if command.pin is not None:
+                    self._pen_rp = command.pin + 3
+                if command.value == 0 and in_motion and not self.pen_down:
+                    periods = abs(self._servo[1] - self._servo[0]) / 2 / max(self._rate_down, 1)
+                    self._falling = int(periods * self._channels * _SLOT_MS * TICKS_PER_MS)
+                else:
+                    self._set_pen(command.value == 0)
             case TP():
                 self._set_pen(not self.pen_down)
-            case S2() if command.pin == _PEN_PIN:
+            case S2() if command.pin == self._pen_rp:
                 self._set_pen(abs(command.position - self._servo[1]) < abs(command.position - self._servo[0]))
-        wait_ms = command.delay_ms if isinstance(command, S2) else command.duration_ms
         self._still(ticks_of_wait(wait_ms), PEN, index)
+
+    def _moving(self) -> bool:
+        """Whether the timed move before this one ended in motion."""
+        if not self._rows or self._rows[-1][-2] != MOVE:
+            return False
+        ticks, _, rate1, accel1, jerk1, rate2, accel2, jerk2, *_ = self._rows[-1]
+        ends = (rate1 + ticks * (accel1 + ticks * jerk1 / 2), rate2 + ticks * (accel2 + ticks * jerk2 / 2))
+        return max(map(abs, ends)) > _REST_RATE
 
     def _set_pen(self, down: bool) -> None:
         self.pen_lifts += self.pen_down and not down
@@ -222,7 +259,12 @@ class Replay:
                 self._servo = (command.value, self._servo[1])
             case SC(number=5):
                 self._servo = (self._servo[0], command.value)
+            case SC(number=10 | 12):
+                self._rate_down = command.value
+            case SC(number=8):
+                self._channels = command.value
             case SP():
+                self._falling = None
                 self._set_pen(False)
             case CU(number=10 | 54, value=1):
                 self.warnings.append(f"{command.wire()} changes how the board answers, which whoever sends this may not expect")

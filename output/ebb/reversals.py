@@ -23,7 +23,7 @@ class Reversals:
         for axis in (0, 1):
             steps = _signed_steps(rows, axis)
             # A row that is no motion ends what came before: 0 is the separator.
-            stops = np.repeat(rows.kind != MOVE, 3)
+            stops = np.repeat((rows.kind != MOVE) & (rows.ticks > 1), 3)
             keep = (steps != 0) | stops
             self._runs(axis, np.where(stops, 0, steps)[keep])
 

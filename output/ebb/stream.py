@@ -24,7 +24,7 @@ from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, complaint, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.producer import Item, Producer
-from output.ebb.program import LayerMark, Mark, PauseMark, Program, StrokeEnd, StrokeMark
+from output.ebb.program import ApproachMark, LayerMark, Mark, PauseMark, Program, StrokeEnd, StrokeMark
 from output.ebb.protocol import Event, Reply
 from output.errors import BadCommand, BoardRefused
 
@@ -159,6 +159,8 @@ class Streamer:
         self.held = self.left = False
         self._hold_tried_at = -1
         self._slept_s = suspended_s()
+        self._approached = False
+        self._low_lift: S2 | None = None  # the last pen move, when it was a low lift
         self._oldest_since = 0.0
         self._oldest = 0
 
@@ -200,13 +202,18 @@ class Streamer:
                 self._send(item)
             else:
                 self._marks.append((self.model.sent, item))
-                if isinstance(item, PauseMark) or (isinstance(item, StrokeMark) and self._stop.pause_reason is not None):
+                if isinstance(item, PauseMark) or (self._may_hold(item) and self._stop.pause_reason is not None):
                     message = item.message if isinstance(item, PauseMark) else self._stop.pause_reason or ""
                     self._stop.pause_reason = message
                     self._set(state=State.HOLDING, message=message)
             self._producer.take()
             self._taken += 1
         self._apply_marks()
+
+    def _may_hold(self, mark: Mark) -> bool:
+        """Before a stroke, with the pen up: at its approach where the pen is lowered on the way, else at its own mark."""
+        approached, self._approached = self._approached, isinstance(mark, ApproachMark)
+        return self._approached or (isinstance(mark, StrokeMark) and not approached)
 
     def _may_send(self, command: Command) -> bool:
         lead_s = self.model.lead_s(self._talk.clock())
@@ -255,6 +262,8 @@ class Streamer:
             self._journal.sent(self.progress.commands_sent + 1)
         number = self._talk.send(wire)
         sent = _Sent(0, self.progress.commands_sent, board_time_s(command))
+        if isinstance(command, SP | TP | S2):
+            self._low_lift = command if isinstance(command, S2) else None
         if command.queued:
             sent.queued = self.model.on_sent(command.fifo_entries, sent.seconds)
             self._unexecuted.append(sent)
@@ -416,11 +425,16 @@ class Streamer:
             self.model.expect_idle()
             self._apply_marks()
             self._set(state=State.PAUSED)
+            if self._low_lift is not None and self._abilities.pen_now:
+                self._talk.send("SP,2")
             self._report(always=True)
         elif state is State.PAUSED and self._stop.leave_asked:
             self._stop.leave_asked, self.left = False, True
         elif state is State.PAUSED and self._stop.pause_reason is None:
             self._set(state=State.RUNNING, message="")
+            if self._low_lift is not None and self._abilities.pen_now:
+                # The plan goes on from the low height.
+                self._talk.send(self._low_lift.wire())
             self._report(always=True)
 
     def _hold_on_path(self) -> None:

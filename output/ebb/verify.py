@@ -21,7 +21,7 @@ from output.ebb.estimate import Tally
 from output.ebb.firmware import Firmware
 from output.ebb.program import Mark
 from output.ebb.queue_forecast import QueueForecast, QueueSetup, queue_setup, service_s
-from output.ebb.replay import MOVE, Replay, Rows
+from output.ebb.replay import MOVE, PEN, Replay, Rows
 from output.ebb.reversals import Reversals
 from output.ebb.verify_compare import Comparison, compare
 from planning.motion.limits import Kinematics
@@ -135,6 +135,7 @@ class _Check:
         self.reversals = Reversals()
         self.result = Report(firmware.name, queue_depth=queue.depth)
         self.last_velocity = np.zeros(2)
+        self.last_rate = np.zeros((1, 2))
         self.ink = _Box()
         self.way = _Box()
         self.shortest_s = np.inf
@@ -148,6 +149,11 @@ class _Check:
         still = (rows.kind != MOVE)[:, None]
         v0 = np.where(still, 0.0, rows.r0 + rows.accel / 2 - rows.jerk / 6)
         v1 = v0 + t * (rows.accel + t * rows.jerk / 2)
+        # A lowering in the midst of a motion takes one tick: the motion goes on.
+        before = np.vstack((self.last_rate, v1[:-1]))
+        passing = (rows.kind == PEN) & (rows.ticks <= 1)
+        v0[passing] = v1[passing] = before[passing]
+        self.last_rate = v1[-1:]
         scale = 1 / (ONE_STEP * TICK_S)
         start, end = (v0 @ self.to_mm) * scale, (v1 @ self.to_mm) * scale
         self._motion(rows, start, end)

@@ -18,10 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from planning.motion.clearance import PenHeight
 
 Array = NDArray[np.float64]
 
@@ -77,6 +78,38 @@ class Motion:
         position = self.position_mm + t * (self.velocity_mm_s + t * (self.acceleration_mm_s2 / 2 + t * self.jerk_mm_s3 / 6))
         return position, velocity, self.acceleration_mm_s2 + t * self.jerk_mm_s3
 
+    def split(self, at_s: float) -> tuple[Motion, Motion]:
+        """The motion up to plan time `at_s`, rounded to a tick, and from there on; the inner border may be moving."""
+        ticks = np.rint(self.duration_s / TICK_S).astype(np.int64)
+        ends = np.cumsum(ticks)
+        at = round(at_s / TICK_S)
+        i = int(np.searchsorted(ends, at, side="right"))
+        if i == len(self):
+            return self, still(self.end_mm)
+        inside = at - int(ends[i] - ticks[i])
+        # Not by `sample`: rounding could take a border's state from the piece before.
+        t, p, v = inside * TICK_S, self.position_mm[i], self.velocity_mm_s[i]
+        a, j = self.acceleration_mm_s2[i], self.jerk_mm_s3[i]
+        p, v, a = p + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2), a + t * j
+        head = i + (inside > 0)
+        first = Motion(
+            np.append(self.duration_s[:i], [inside * TICK_S] * (inside > 0)),
+            self.position_mm[:head],
+            self.velocity_mm_s[:head],
+            self.acceleration_mm_s2[:head],
+            self.jerk_mm_s3[:head],
+            p,
+        )
+        rest = Motion(
+            np.append((ticks[i] - inside) * TICK_S, self.duration_s[i + 1 :]),
+            np.vstack((p, self.position_mm[i + 1 :])),
+            np.vstack((v, self.velocity_mm_s[i + 1 :])),
+            np.vstack((a, self.acceleration_mm_s2[i + 1 :])),
+            np.vstack((j, self.jerk_mm_s3[i + 1 :])),
+            self.end_mm,
+        )
+        return first, rest
+
     def sample(self, t_s: Array) -> tuple[Array, Array, Array, Array]:
         """Position, velocity, acceleration and jerk at plan times `t_s` (m,), each (m, 2). Times are clipped to the motion."""
         if not len(self):
@@ -105,9 +138,6 @@ def joined_motion(parts: Sequence[Motion]) -> Motion:
     return Motion(columns[0], columns[1], columns[2], columns[3], columns[4], parts[-1].end_mm)
 
 
-PenHeight = Literal["up", "low"]
-
-
 @dataclass(frozen=True, slots=True)
 class LayerStart:
     """What follows belongs to this layer."""
@@ -125,9 +155,13 @@ class OperatorPause:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Travel:
-    """Move with the pen up."""
+    """Move with the pen up. From plan time `lower_at_s` on (whole ticks; None: not) the pen is being lowered for the stroke
+
+    that follows, so that it comes to touch only after the motion's end; the Lower that follows waits for what is left.
+    """
 
     motion: Motion
+    lower_at_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

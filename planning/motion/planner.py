@@ -9,32 +9,17 @@ import numpy as np
 
 from planning.errors import OutsideMachine
 from planning.geometry.stroke import Layer, Stroke
+from planning.motion.clearance import LEAST_LEAD_S, PenHeight, PenTiming
 from planning.motion.draw import draw_parts
 from planning.motion.limits import Kinematics, Limits
 from planning.motion.path import Array
-from planning.motion.plan import TICK_S, Action, Draw, Dwell, LayerStart, Lift, Lower, OperatorPause, Travel
+from planning.motion.plan import TICK_S, Action, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
 from planning.motion.travel import Bounds, travel
 
 # A drawing may stick out by this much: arithmetic of page and machine coordinates, far below a motor step.
 OUTSIDE_MM = 1e-6
 
-
-@dataclass(frozen=True, slots=True)
-class PenTiming:
-    """How long the plan waits after starting to lower and to lift the pen, and how long a dot is held.
-
-    Raises ValueError for a time that is negative or not finite.
-    """
-
-    lower_s: float
-    lift_s: float
-    dot_dwell_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("lower_s", "lift_s", "dot_dwell_s"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be finite and not negative, not {value}")
+__all__ = ["MotionSettings", "PenTiming", "check_bounds", "plan"]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -92,11 +77,13 @@ def plan(layers: Iterable[Layer], settings: MotionSettings, start_mm: Array, end
     at = np.array(start_mm, dtype=np.float64)
     number = 0
     budget = settings.first_chunk_vertices
+    lift = Lift(np.inf)
     for layer in layers:
         yield LayerStart(layer.number, layer.name)
         if layer.pause_before:
             name = layer.name or f"layer {layer.number}"
             yield OperatorPause(f"next: {name}" + (f", pen {layer.color}" if layer.color else ""))
+            lift = Lift(np.inf)
         strokes = list(layer.strokes)
         done = 0
         while done < len(strokes):
@@ -107,20 +94,58 @@ def plan(layers: Iterable[Layer], settings: MotionSettings, start_mm: Array, end
             begun = False
             for i, motion, last in draw_parts(chunk, settings.draw, settings.kinematics, number, settings.constant_speed):
                 if not begun:
-                    yield Travel(travel(at, motion.start_mm, settings.travel, settings.kinematics, settings.bounds_mm))
-                    yield Lower(settings.pen.lower_s, number + i)
+                    way = travel(at, motion.start_mm, settings.travel, settings.kinematics, settings.bounds_mm)
+                    yield from _approach(way, lift, settings.pen, number + i)
                 yield Draw(motion, number + i, last)
                 begun = not last
                 if begun:
                     continue
                 if chunk[i].is_dot and settings.pen.dot_dwell_s > 0:
                     yield Dwell(float(np.ceil(settings.pen.dot_dwell_s / TICK_S - 1e-6) * TICK_S))
-                yield Lift(settings.pen.lift_s)
                 at = motion.end_mm
+                lift = _lift(at, strokes[done + i + 1] if done + i + 1 < len(strokes) else None, settings.pen)
+                yield lift
             number += take
             done += take
     if end_mm is not None:
         yield Travel(travel(at, np.array(end_mm, dtype=np.float64), settings.travel, settings.kinematics, settings.bounds_mm))
+
+
+def _lift(at_mm: Array, following: Stroke | None, pen: PenTiming) -> Lift:
+    """As high as the travel to the `following` stroke of the layer asks for; all the way up when there is none."""
+    height: PenHeight = "up"
+    if following is not None:
+        height = pen.height_for(float(np.hypot(*(following.points_mm[0] - at_mm))))
+    return Lift(pen.lift_wait_s(height), height)
+
+
+def _approach(way: Motion, lift: Lift, pen: PenTiming, number: int) -> Iterator[Action]:
+    """The travel to stroke `number`, after `lift`, and the lowering, which begins on the way where the clearance allows it."""
+    lead_s = pen.lead_s(lift.wait_s + way.total_s, lift.height)
+    total = round(way.total_s / TICK_S)
+    lead = min(int(lead_s / TICK_S), total)
+    wait_s = pen.lower_wait_s(lift.height)
+    if lead * TICK_S < LEAST_LEAD_S:
+        yield Travel(way)
+        yield Lower(wait_s, number)
+        return
+    at = _clear_of_borders(way, total - lead)
+    if at == total:
+        yield Travel(way)
+        yield Lower(wait_s, number)
+        return
+    yield Travel(way, at * TICK_S)
+    yield Lower(max(wait_s - (total - at) * TICK_S, 0.0), number)
+
+
+def _clear_of_borders(way: Motion, at: int) -> int:
+    """The first tick from `at` on that cuts no piece shorter than LEAST_LEAD_S off another: a board could not take those."""
+    least = round(LEAST_LEAD_S / TICK_S)
+    borders = np.concatenate(([0], np.cumsum(np.rint(way.duration_s / TICK_S)))).astype(np.int64)
+    while at not in borders and (near := borders[np.abs(borders - at) < least]).size:
+        border = int(near.max())
+        at = border if at < border else border + least
+    return min(at, int(borders[-1]))
 
 
 def _chunk(strokes: list[Stroke], start: int, vertices: int) -> int:

@@ -28,6 +28,10 @@ _METAVARS = {
     "y": "LENGTH",
     "up": "PERCENT",
     "down": "PERCENT",
+    "low": "PERCENT",
+    "low_lift": "LENGTH",
+    "overlap": "SHARE",
+    "lift": "NAME",
     "stroke": "LENGTH",
     "overdraw": "LENGTH",
 }
@@ -54,5 +58,5 @@ def _option(name: str, field: FieldInfo) -> Callable[[Command], Command]:
         return click.option(flag, name, is_flag=True, default=None, help=text)
     if get_origin(field.annotation) is Literal:
         return click.option(flag, name, type=click.Choice(get_args(field.annotation)), help=text)
-    metavar = _METAVARS.get(name.rsplit("_", 1)[-1], name.upper())
+    metavar = _METAVARS.get(name) or _METAVARS.get(name.rsplit("_", 1)[-1], name.upper())
     return click.option(flag, name, metavar=metavar, help=text)

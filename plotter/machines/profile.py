@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from planning.motion.clearance import Clearance
 from planning.motion.limits import Kinematics
 from plotter.errors import BadInput
 
@@ -21,10 +22,17 @@ class _Profile(BaseModel):
 
 
 class PenLift(_Profile):
-    """A pen-lift servo as the board drives it: pulse lengths in 83.3 ns units, moved by `rate` every `period_ms`."""
+    """A pen lift as the board drives it: pulse lengths in 83.3 ns units, moved by `rate` every `period_ms`.
+
+    `lag_ms` is how far the tip may be behind the pulse. Shares of the way from pen down (0) to pen up (1): the paper lies
+    between `touch_low` and `touch_high`, and a low lift goes to `low`. `channels` is how many servo outputs of 3 ms share a
+    period. `output` is what the board switches: its servo output on RB`pin`, or the solenoid output RB4.
+    """
 
     title: str
+    output: Literal["servo", "solenoid"] = "servo"
     pin: int = Field(ge=0, le=7)
+    channels: int = Field(8, ge=1, le=8)
     pulse_at_0: int = Field(ge=1, le=65535)
     pulse_at_100: int = Field(ge=1, le=65535)
     up_percent: float = Field(ge=0, le=100)
@@ -34,6 +42,10 @@ class PenLift(_Profile):
     rate_down: int = Field(ge=1, le=65535)
     settle_up_ms: float = Field(ge=0, le=5000)
     settle_down_ms: float = Field(ge=0, le=5000)
+    lag_ms: float = Field(ge=0, le=5000)
+    touch_low: float = Field(ge=0, le=1)
+    touch_high: float = Field(ge=0, le=1)
+    low: float = Field(gt=0, le=1)
 
     def pulse(self, percent: float) -> int:
         """The pulse length for a height in percent."""
@@ -54,6 +66,25 @@ class PenLift(_Profile):
     def lower_s(self) -> float:
         """From the command to the pen being on the paper and quiet."""
         return self._way_s(self.rate_down) + self.settle_down_ms / 1000
+
+    def clearance(self, lift_s: float, lower_s: float, low: float) -> Clearance:
+        """How high the pen certainly is, where lifting and lowering are given `lift_s` and `lower_s` instead of the profile's
+
+        own times: a lift that is said to be slower is slower all the way, but may still fall as fast. `low` is the height of a
+        low lift.
+        """
+        up, down = (given / own if own > 0 else 1.0 for given, own in ((lift_s, self.lift_s()), (lower_s, self.lower_s())))
+        way = abs(self.up_pulse - self.down_pulse) * self.period_ms / 1000
+        return Clearance(
+            rise_s=way / self.rate_up * up,
+            fall_s=way / self.rate_down * down,
+            drop_s=way / self.rate_down * min(1.0, down),
+            late_s=(self.period_ms + self.lag_ms) / 1000 * max(1.0, up, down),
+            settle_s=self.settle_down_ms / 1000 * max(1.0, down),
+            touch_low=self.touch_low,
+            touch_high=self.touch_high,
+            low=low,
+        )
 
     def _way_s(self, rate: int) -> float:
         periods = math.ceil(abs(self.up_pulse - self.down_pulse) / rate) + 1
@@ -102,8 +133,16 @@ def load_machine(name: str) -> Machine:
     return Machine.model_validate({"name": name, **_toml(f"{name}.toml")})
 
 
+def pen_lift_names() -> list[str]:
+    """The pen lifts that come with the program, by name."""
+    files = (resources.files("plotter.machines") / "pen_lifts").iterdir()
+    return sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml"))
+
+
 def load_pen_lift(name: str) -> PenLift:
-    """The pen-lift profile called `name`, from the machine that names it."""
+    """The pen-lift profile called `name`. Raises BadInput, naming the ones there are, when there is none."""
+    if name not in pen_lift_names():
+        raise BadInput(f"there is no pen lift '{name}': choose one of {', '.join(pen_lift_names())}")
     return PenLift.model_validate(_toml(f"pen_lifts/{name}.toml"))
 
 

@@ -11,8 +11,9 @@ from planning.errors import OutsideMachine
 from planning.geometry.stroke import Layer, Stroke
 from planning.motion import draw
 from planning.motion.limits import Kinematics, Limits
-from planning.motion.plan import Draw, Dwell, LayerStart, Lift, Lower, OperatorPause, Travel
+from planning.motion.plan import TICK_S, Draw, Dwell, LayerStart, Lift, Lower, OperatorPause, Travel
 from planning.motion.planner import MotionSettings, PenTiming, check_bounds, plan
+from planning.motion.travel import travel
 from tests.planning.motion_checks import assert_keeps_all_laws, samples
 
 COREXY = Kinematics(np.array([[80.0, 80.0], [80.0, -80.0]]), 25000.0)
@@ -136,3 +137,21 @@ def test_pen_times_must_make_sense() -> None:
         PenTiming(-0.1, 0.2)
     with pytest.raises(ValueError, match="dot_dwell_s"):
         PenTiming(0.1, 0.2, float("nan"))
+
+
+def test_a_motion_cut_in_two_is_the_same_motion() -> None:
+    """At every tick, piece borders included: state and jerk go on, and the parts last as long as the whole."""
+    whole = travel(np.array([10.0, 10.0]), np.array([48.0, 21.0]), Limits(200, 2000, 100e3), COREXY, BOUNDS)
+    borders = np.rint(np.cumsum(whole.duration_s) / TICK_S).astype(int)
+    for at in sorted({1, 777, *borders[:-1].tolist(), int(borders[-1]) - 1}):
+        first, rest = whole.split(at * TICK_S)
+        assert round((first.total_s + rest.total_s) / TICK_S) == borders[-1]
+        assert round(first.total_s / TICK_S) == at
+        ends, starts = first.ends(), (rest.position_mm, rest.velocity_mm_s, rest.acceleration_mm_s2)
+        for end, start in zip(ends, starts, strict=True):
+            np.testing.assert_allclose(end[-1], start[0], atol=1e-6)
+        last = rest.ends()
+        np.testing.assert_allclose(last[0][-1], whole.end_mm, atol=1e-9)
+        np.testing.assert_allclose(last[1][-1], 0.0, atol=1e-6)
+    assert [len(part) for part in whole.split(0.0)] == [0, len(whole)]
+    assert [len(part) for part in whole.split(whole.total_s)] == [len(whole), 0]

@@ -228,13 +228,13 @@ class Board:
         self.recorder.ran(running, ticks, moving=self.supply.on and all(self.motors_on))
 
     def _move_pen(self, entry: PenMove, tick: int) -> None:
-        if entry.rp_pin != PEN_RP_PIN:
-            if entry.command in ("SP", "TP"):
-                self.servo.up = entry.target == self.servo.minimum
-                self.recorder.servo_changed(tick, self.servo)
+        if entry.command in ("SP", "TP"):
+            # The pen is whatever SP moves, on whichever pin.
+            self.servo.rp_pin = entry.rp_pin
+        elif entry.rp_pin != self.servo.rp_pin:
             return
         self.servo.send(entry.target, entry.rate, tick)
-        self.recorder.servo_changed(tick, self.servo)
+        self.recorder.servo_changed(tick, self.servo, brief=entry.command == "SP" and entry.ticks <= 1)
 
     def send_pen(self, entry: PenMove) -> None:
         """SP,2 and SP,3: the servo starts now, whatever the queue holds."""
@@ -248,7 +248,7 @@ class Board:
 
     def stop_servo_output(self, rp_pin: int) -> None:
         """S2,0,pin: no more pulses; the servo stays where it is."""
-        if rp_pin == PEN_RP_PIN:
+        if rp_pin == self.servo.rp_pin:
             self.servo.unpower(self.now)
             self.recorder.servo_changed(self.now, self.servo)
 

@@ -28,6 +28,7 @@ _ROW = 2 + 2 * _AXIS_FIELDS
 _LONGEST_VECTORED = 1 << 20  # ticks for which j t^3 still fits the closed form in int64
 _WARM_UP = 32  # stepper commands after a standstill that do not count for the lowest lead
 _NO_END = 1 << 62
+_REST_RATE = ONE_STEP // 2500  # ten steps a second
 _MOST_SAMPLES = 20_000
 
 
@@ -48,13 +49,18 @@ class Gap:
 
 @dataclass(slots=True)
 class PenEvent:
-    """The servo was sent to `target`: from `position` at `tick`, there at `arrival`. `up` as QP reports it."""
+    """The servo was sent to `target`: from `position` at `tick`, there at `arrival`. `up` as QP reports it.
+
+    As commanded, the pen is up or down from `counts_from` on: at once, but a pen that is lowered in the midst of a motion is
+    down only when it touches.
+    """
 
     tick: int
     up: bool
     position: float
     target: int
     arrival: int
+    counts_from: int
 
 
 @dataclass(slots=True)
@@ -98,8 +104,12 @@ class Recorder:
         """Something from outside: a fault, the button, the supply."""
         self.notes.append((tick, text))
 
-    def servo_changed(self, tick: int, servo: Servo) -> None:
-        self.pen_events.append(PenEvent(tick, servo.up, servo.position(tick), servo.target, servo.travel_end()))
+    def servo_changed(self, tick: int, servo: Servo, *, brief: bool = False) -> None:
+        """`brief`: the queue does not wait for it."""
+        counts_from = tick
+        if brief and not servo.up and self._previous_stepper and max(map(abs, self._last_rates)) > _REST_RATE:
+            counts_from = servo.touch_change() or tick
+        self.pen_events.append(PenEvent(tick, servo.up, servo.position(tick), servo.target, servo.travel_end(), counts_from))
         while self.touch_changes and self.touch_changes[-1][0] > tick:
             self.touch_changes.pop()
         touching = servo.touches(servo.position(tick))
@@ -136,6 +146,8 @@ class Recorder:
         self.largest_rate_jump = max(self.largest_rate_jump, jump)
 
     def ended(self, tick: int, entry: QueueEntry) -> None:
+        if isinstance(entry, PenMove) and entry.ticks <= 1:
+            return  # a pen that is lowered in the midst of a motion: the motion goes on
         self._previous_stepper = isinstance(entry, StepperMove)
         if self._previous_stepper:
             self.last_motion = tick
@@ -197,10 +209,8 @@ class Recorder:
 
     def intervals(self, *, touching: bool, now: int) -> list[tuple[int, int]]:
         """(from, to) ticks with the pen down: as commanded, or with the servo's travel (`touching`)."""
-        if touching:
-            changes = [(tick, down) for tick, down in self.touch_changes if tick <= now]
-        else:
-            changes = [(event.tick, not event.up) for event in self.pen_events]
+        touched = [(tick, down) for tick, down in self.touch_changes if tick <= now]
+        changes = touched if touching else self._commanded()
         found: list[tuple[int, int]] = []
         since: int | None = None
         for tick, down in changes:
@@ -212,6 +222,14 @@ class Recorder:
         if since is not None:
             found.append((since, now))
         return found
+
+    def _commanded(self) -> list[tuple[int, bool]]:
+        changes = []
+        for event, after in zip(self.pen_events, [*self.pen_events[1:], None], strict=True):
+            tick = event.counts_from if after is None else min(event.counts_from, after.tick)
+            if tick == event.counts_from or not (after and after.up):
+                changes.append((tick, not event.up))
+        return changes
 
     def _sample_ticks(self) -> NDArray[np.int64]:
         """Each millisecond of every stretch, and its ends; a stretch of more than 20 s is sampled in 20,000 places."""

@@ -36,6 +36,8 @@ class Servo:
     rate: int = 0
     touch: float = (UP_AT_BOOT + DOWN_AT_BOOT) / 2
     touch_side: int = -1
+    touch_share: float = 0.5
+    rp_pin: int = PEN_RP_PIN
 
     def frame_ticks(self) -> int:
         return self.channels * self.slot_ms * TICKS_PER_S // 1000
@@ -79,9 +81,9 @@ class Servo:
         self.power_off_at = None
 
     def heights_changed(self) -> None:
-        """The pen touches the paper half way between its heights, until the two are made equal (SP,3)."""
+        """The pen touches the paper at `touch_share` of the way from down to up, until the two are made equal (SP,3)."""
         if self.minimum != self.maximum:
-            self.touch = (self.minimum + self.maximum) / 2
+            self.touch = self.maximum + (self.minimum - self.maximum) * self.touch_share
             self.touch_side = 1 if self.maximum > self.minimum else -1
 
     def touches(self, position: float) -> bool:

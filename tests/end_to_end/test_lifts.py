@@ -1,0 +1,180 @@
+"""Travel that overlaps with lifting and lowering: the virtual board's servo is asked where the pen really touches.
+
+The virtual board knows nothing of the clearance model: it moves the servo at the rate it was told, and puts the paper where the
+test says. Its ink must be the drawing, and nothing else, wherever the paper may be.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from output.ebb.command_file import read_command_file, write_command_file
+from output.ebb.commands import S2, SC, SP, Command
+from output.ebb.encode import BoardSetup
+from output.ebb.program import ApproachMark, Mark
+from output.ebb.verify import verify
+from output.ebb.verify_compare import compare
+from output.ebb.virtual.board import Board
+from planning.geometry.stroke import Layer, Stroke
+from planning.motion.plan import Action, Lift, Lower, Travel
+from planning.motion.planner import plan
+from plotter.board_setup import board_setup
+from plotter.pipeline import motion_settings, program
+from plotter.settings import resolve
+
+HOME = np.zeros(2)
+OFF_MM = 0.03  # what the ink may be off the drawing: tolerance of the motion, and steps
+
+
+def drawing() -> tuple[Layer, ...]:
+    """Short and long travels, dots, lines and corners."""
+    rng = np.random.default_rng(5)
+    at, strokes = np.array([40.0, 40.0]), []
+    for k in range(24):
+        at = np.clip(at + rng.uniform(-1, 1, 2) * (0.6, 3.0, 9.0, 40.0)[k % 4], 5, 140)
+        reach = rng.uniform(-4, 4, (k % 3 + 1, 2))
+        points = np.clip(np.vstack((at, at + np.cumsum(reach, axis=0))), 1, 149)
+        strokes.append(Stroke(points[:1] if k % 5 == 4 else points))
+        at = strokes[-1].points_mm[-1]
+    return (Layer(1, "all", tuple(strokes)),)
+
+
+def plotted(**flags: Any) -> tuple[list[Action], list[Command | Mark], BoardSetup]:
+    settings = resolve(flags).values
+    machine = settings.machine_profile()
+    actions = list(plan(drawing(), motion_settings(settings, machine), HOME, HOME))
+    setup = board_setup(settings, machine)
+    return actions, list(program(iter(actions), setup)), setup
+
+
+def on_board(items: list[Command | Mark], setup: BoardSetup, touch_share: float) -> dict[str, Any]:
+    """The record of a board that is sent everything as fast as it takes it."""
+    board = Board(setup.firmware.name, timed=False)
+    board.servo.touch_share = touch_share
+    wires = iter(["CU,4,32"] if setup.firmware.queue_max > 1 else [])
+    for wire in (*wires, *(item.wire() for item in items if isinstance(item, Command))):
+        while not board.wants_bytes:
+            board.advance_to(max(board.next_event() or 0, board.now + 1))
+        board.feed(f"{wire}\r".encode())
+    while not board.motion.idle or not board.wants_bytes:
+        board.advance_to(max(board.next_event() or 0, board.now + 1))
+    assert b"!" not in b"".join(sent.data for sent in board.output())
+    return board.recorder.summary(board.now)
+
+
+def off_mm(record: dict[str, Any], setup: BoardSetup) -> tuple[float, float]:
+    """How far the ink is off the drawing, and the drawing off the ink."""
+    ink = [setup.kinematics.millimetres(np.array(s["points"], dtype=float)) for s in record["ink_touching"]]
+    found = compare(ink, [stroke.points_mm for layer in drawing() for stroke in layer.strokes])
+    return found.drawn.max_mm, found.wanted.max_mm
+
+
+@pytest.fixture(autouse=True)
+def _own_settings(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+
+
+@pytest.mark.parametrize("touch_share", [0.31, 0.5, 0.69])
+@pytest.mark.parametrize("firmware", ["3.0.3", "2.8.1"])
+@pytest.mark.parametrize("lift", ["standard-servo", "brushless"])
+def test_no_ink_outside_the_strokes_and_none_missing(firmware: str, touch_share: float, lift: str) -> None:
+    _, items, setup = plotted(overlap=1.0, firmware=firmware, lift=lift)
+    record = on_board(items, setup, touch_share)
+    stray, missing = off_mm(record, setup)
+    assert stray <= OFF_MM
+    assert missing <= OFF_MM
+    assert len(record["ink_touching"]) == 24
+    assert record["underruns"] == 0
+
+
+def test_the_check_sees_paper_that_is_higher_than_the_model_allows() -> None:
+    _, items, setup = plotted(overlap=1.0)
+    stray, missing = off_mm(on_board(items, setup, 0.9), setup)
+    assert stray > 2 * OFF_MM
+    assert missing <= OFF_MM
+
+
+def test_the_check_sees_a_servo_that_falls_more_slowly_than_the_model_says() -> None:
+    _, items, setup = plotted(overlap=1.0)
+    assert off_mm(on_board(list(_with_rate(items, 500)), setup, 0.3), setup)[1] > 2 * OFF_MM
+
+
+def test_overlap_saves_time_and_0_waits_for_every_lift() -> None:
+    times = {}
+    for overlap in (0.0, 0.4, 0.8, 1.0):
+        actions, items, setup = plotted(overlap=overlap, low_lift=0.0)
+        times[overlap] = verify(items, setup.firmware, setup.kinematics).duration_s
+        if overlap == 0:
+            assert not any(isinstance(a, Travel) and a.lower_at_s is not None for a in actions)
+            settings = resolve({}).values
+            assert {a.wait_s for a in actions if isinstance(a, Lift)} == {settings.lift_time}
+            assert {a.wait_s for a in actions if isinstance(a, Lower)} == {settings.lower_time}
+            assert not any(isinstance(item, ApproachMark) for item in items)
+    assert times[0.0] > times[0.4] > times[0.8] > times[1.0]
+    assert times[0.0] - times[1.0] > 24 * 0.08
+
+
+def test_motion_goes_on_while_the_pen_is_being_lowered() -> None:
+    _, items, setup = plotted(overlap=1.0)
+    record = on_board(items, setup, 0.5)
+    assert record["underruns"] == 0
+    report = verify(items, setup.firmware, setup.kinematics)
+    assert report.max_velocity_jump_mm_s < 0.3
+    assert report.problems == []
+    assert report.final_steps == (0, 0)
+    assert len(report.strokes) == 24
+
+
+def test_verify_shows_the_ink_of_too_early_a_lowering() -> None:
+    _, items, setup = plotted(overlap=1.0)
+    slow = verify(items, setup.firmware, setup.kinematics)
+    quick = verify(_with_rate(items, 60000), setup.firmware, setup.kinematics)
+    wanted = [stroke.points_mm for layer in drawing() for stroke in layer.strokes]
+    assert compare(slow.strokes, wanted).drawn.max_mm <= OFF_MM
+    assert compare(quick.strokes, wanted).drawn.max_mm > 2 * OFF_MM
+
+
+def _with_rate(items: list[Command | Mark], rate: int) -> Iterator[Command | Mark]:
+    for item in items:
+        yield SC(12, rate) if isinstance(item, SC) and item.number == 12 else item
+
+
+def test_short_travels_lift_to_the_low_height_through_the_queue() -> None:
+    actions, items, _ = plotted(low_lift="5mm", pen_low="55%")
+    low = [a for a in actions if isinstance(a, Lift) and a.height == "low"]
+    assert low
+    lifts = [item for item in items if isinstance(item, S2)]
+    assert len(lifts) == len(low)
+    assert {(s.position, s.pin, s.rate) for s in lifts} == {(round(9855 + 17976 * 0.55), 4, 1618)}
+    ways = [np.hypot(*(a.motion.end_mm - a.motion.start_mm)) for a in actions if isinstance(a, Travel)]
+    assert len(low) == sum(way < 5.0 for way in ways[1:-1])
+    assert not any(isinstance(item, S2) for item in plotted(low_lift="0mm")[1])
+    assert not any(isinstance(item, S2) for item in plotted(low_lift="5mm", firmware="1.9.5")[1])
+
+
+def test_where_one_command_can_wait_the_pen_is_lowered_at_rest() -> None:
+    _, items, _ = plotted(overlap=1.0, firmware="2.8.1")
+    assert not any(isinstance(item, ApproachMark) for item in items)
+    assert not any(isinstance(item, SP) and item.value == 0 and not item.duration_ms for item in items)
+
+
+def test_a_command_file_keeps_the_approach() -> None:
+    _, items, _ = plotted(overlap=1.0)
+    assert any(isinstance(item, ApproachMark) for item in items)
+    text = io.StringIO()
+    write_command_file(text, {}, items)
+    text.seek(0)
+    assert [line.item for line in read_command_file(text)[1]] == items
+
+
+def test_a_slower_lift_by_hand_is_slower_all_the_way() -> None:
+    own, slow = resolve({}).values, resolve({"lift_time": "0.5s", "lower_time": "0.5s"}).values
+    one, other = own.pen_timing(), slow.pen_timing()
+    assert other.lift_wait_s("up") > 0.35
+    assert other.lower_wait_s("up") > 0.35
+    assert other.lead_s(9.0, "up") == pytest.approx(one.lead_s(9.0, "up"))
