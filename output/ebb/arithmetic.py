@@ -156,7 +156,7 @@ def execute(command: Command, state: State) -> Executed:
             steps = (command.steps1, command.steps2 or 0)
             return _constant(steps, sm_rates(command.duration_ms, steps), command.clear, state, command.duration_ms)
         case XM():
-            steps = (command.steps_a + command.steps_b, command.steps_a - command.steps_b)
+            steps = (_int32(command.steps_a + command.steps_b), _int32(command.steps_a - command.steps_b))
             return _constant(steps, sm_rates(command.duration_ms, steps), command.clear, state, command.duration_ms)
         case TR():
             steps = (command.steps1, command.steps2 or 0)
@@ -459,14 +459,14 @@ def _sm_rate(per_ms: _Float, steps: int, axis: int) -> int:
 
 
 def tr_rates(steps_per_s: int, steps: tuple[int, int]) -> tuple[int, int]:
-    """The rates of TR and HM: the longer axis at `steps_per_s`, the other in proportion, at least 1."""
+    """The rates of TR and HM: the longer axis at `steps_per_s`, the other in proportion, from 1 to 2^31 - 1."""
     sizes = (abs(steps[0]), abs(steps[1]))
     major = 0 if sizes[0] >= sizes[1] else 1
     if sizes[major] == 0:
         return (0, 0)
     hz = _from_int(steps_per_s)
     rates = [0, 0]
-    rates[major] = min(_truncated(_multiply(hz, _TR_CONSTANT)), ONE_STEP - 1)
+    rates[major] = _truncated(_multiply(hz, _TR_CONSTANT))
     minor = 1 - major
     if sizes[minor]:
         share = _divide(_multiply(_from_int(sizes[minor]), hz), _from_int(sizes[major]))
