@@ -25,8 +25,8 @@ from itertools import chain
 from pathlib import Path
 from typing import IO, NamedTuple, TextIO
 
-from output.ebb.commands import Command
-from output.ebb.commands_text import parse_as_sent, parse_command
+from output.ebb.commands import CU, Command
+from output.ebb.commands_text import parse_as_sent, parse_command, without_checksum
 from output.ebb.program import ApproachMark, LayerMark, Mark, Note, PauseMark, StrokeEnd, StrokeMark
 from output.errors import BadCommand
 
@@ -104,6 +104,8 @@ def read_command_file(source: str | Path | TextIO, problems: list[str] | None = 
 
 
 def _parsed(lines: Iterable[tuple[int, str]], problems: list[str] | None) -> Iterator[Line]:
+    # Whether the lines end in checksums, as a board wants them from CU,54,1 on.
+    checked = False
     for number, text in lines:
         if not text:
             continue
@@ -112,7 +114,8 @@ def _parsed(lines: Iterable[tuple[int, str]], problems: list[str] | None) -> Ite
                 yield Line(number, mark)
             continue
         try:
-            yield Line(number, parse_command(text))
+            text = without_checksum(text) if checked else text
+            command = parse_command(text)
         except BadCommand as error:
             if problems is None:
                 raise BadCommand(f"line {number}: {error}") from None
@@ -120,6 +123,10 @@ def _parsed(lines: Iterable[tuple[int, str]], problems: list[str] | None) -> Ite
             # Some of what nobody should send, boards do take: show what they would make of it.
             with suppress(BadCommand):
                 yield Line(number, parse_as_sent(text))
+            continue
+        if isinstance(command, CU) and command.number == 54:
+            checked = command.value == 1
+        yield Line(number, command)
 
 
 def _mark(text: str) -> Mark | None:

@@ -65,6 +65,19 @@ def with_checksum(wire: str) -> str:
     return f"{wire},{checksum(wire)}"
 
 
+def without_checksum(line: str) -> str:
+    """The command of a line as it is sent while checksums are on. Raises BadCommand when the checksum is missing or wrong."""
+    text = line.strip()
+    wire, _, last = text.rpartition(",")
+    if not wire or not last.isdecimal() or not text.isascii():
+        raise BadCommand(
+            f"{text!r} has no checksum, which CU,54,1 asks for; end it with ,{checksum(text) if text.isascii() else 0}"
+        )
+    if int(last) != checksum(wire):
+        raise BadCommand(f"checksum of {wire} is {last}, right is {checksum(wire)}; write it again, or leave CU,54,1 out")
+    return wire
+
+
 def parse_as_sent(line: str) -> Command:
     """As `parse_command`, but SM and XM of more than 50 kHz are let through: firmware 3 takes them and steps at 25 kHz.
 

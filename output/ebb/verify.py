@@ -39,6 +39,10 @@ _WAITING_STEPS = 4.0
 _REST_MM_S = 0.01
 # How far (mm) the way may leave the machine's reach: rounding to steps.
 _SLACK_MM = 0.05
+# Jumps of speed (mm/s) between commands. Staircases of 14 to 86 are usual, and steppers follow, though they can be heard; at
+# 80 steps per mm and 1/16 steps, 120 mm/s is a start at 600 full steps a second, which no loaded stepper of this size survives.
+_HEARD_MM_S = 10.0
+_LOST_MM_S = 120.0
 # A command that lasts longer than this is more likely a mistake than a move.
 _LONG_COMMAND_S = 600.0
 
@@ -48,7 +52,8 @@ class Report:
     """Lengths in mm, times in board seconds; positions in machine millimetres, `final_steps` in physical steps from the start
     of the counters. `bounds_mm` (left, top, right, bottom) is of the ink, `travel_bounds_mm` of everything.
 
-    `lowest_lead_s` is the least motion that is queued while the pen moves, once the queue of `queue_depth` has been full.
+    `lowest_lead_s` is the least motion that is queued while the pen moves, once the queue of `queue_depth` has been full, or at
+    any time when it never is (`queue_filled` False).
     `problems` are reasons not to send it, `warnings` are not. `strokes` are the pen-down polylines, each (n, 2).
     """
 
@@ -78,6 +83,7 @@ class Report:
     lowest_lead_s: float | None = None
     lowest_lead_at: int = -1
     queue_depth: int = 1
+    queue_filled: bool = False
     shortest_command_ms: float | None = None
     problems: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -281,7 +287,7 @@ class _Check:
         r.bounds_mm, r.travel_bounds_mm = self.ink.bounds, self.way.bounds
         r.predicted_underruns, r.predicted_starved_s = queue.underruns, queue.starved_s
         if np.isfinite(queue.lowest_lead_s):
-            r.lowest_lead_s, r.lowest_lead_at = queue.lowest_lead_s, queue.lowest_at
+            r.lowest_lead_s, r.lowest_lead_at, r.queue_filled = queue.lowest_lead_s, queue.lowest_at, queue.has_been_full
         if np.isfinite(self.shortest_s):
             r.shortest_command_ms = self.shortest_s * 1000
         r.problems, r.warnings = problems, [*r.warnings, *replay.warnings]
@@ -301,6 +307,12 @@ class _Check:
                 f"the board would run dry {r.predicted_underruns} times in motion, first before command {at + 1} for "
                 f"{lack * 1000:.1f} ms; export for this firmware ({self.firmware.name}) with longer pieces"
             )
+        if r.max_velocity_jump_mm_s > _HEARD_MM_S:
+            jump = f"the speed jumps by {r.max_velocity_jump_mm_s:.1f} mm/s at command {r.max_velocity_jump_at + 1}"
+            if r.max_velocity_jump_mm_s > _LOST_MM_S:
+                r.problems.append(f"{jump}: beyond {_LOST_MM_S:.0f} mm/s motors lose steps; speed up and slow down in between")
+            else:
+                r.warnings.append(f"{jump}: the motors follow, but can be heard and felt")
         if r.pen_down_at_end:
             r.warnings.append("the pen is still down at the end")
         if travel_mm is not None and r.travel_bounds_mm is not None:

@@ -59,11 +59,14 @@ def verify_file(
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"cannot read {file}: {getattr(error, 'strerror', None) or error}; give a command file") from None
     machine = load_machine(machine_name or header.get("machine", DEFAULT_MACHINE))
-    board = firmware(version or header.get("firmware", DEFAULT_FIRMWARE))
+    version = version or header.get("firmware")
+    board = firmware(version or DEFAULT_FIRMWARE)
     reach = (0.0, 0.0, machine.width_mm, machine.height_mm)
     report = verify(lines, board, machine.kinematics(), travel_mm=reach, problems=faults)
     if not report.commands:
         raise BadInput(f"{file} holds no board commands" + (f": {faults[0]}" if faults else "; give a file that export wrote"))
+    if version is None:
+        report.warnings.append(f"the file names no firmware: {DEFAULT_FIRMWARE} is taken; give --firmware for another")
     if strokes_file is not None:
         _write_strokes(strokes_file, report, header, machine)
     values = {"file": file, "machine": machine.name, **report.as_dict()}
@@ -125,6 +128,8 @@ def _lead(report: Report) -> str:
     said = f"{report.lowest_lead_s * 1000:.0f} ms before command {report.lowest_lead_at + 1}"
     if report.queue_depth == 1:
         return f"{said} (this firmware queues one command)"
+    if not report.queue_filled:
+        return f"{said} (too little in it to fill the queue)"
     return said if report.lowest_lead_s >= LEAD_S else f"{said} (1 s is wanted, the motion is too dense there)"
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from output.ebb.command_file import read_command_file
-from output.ebb.commands_text import parse_command
+from output.ebb.commands_text import parse_command, with_checksum
 from output.ebb.encode import BoardSetup, PenCommands, encode, epilogue, prologue
 from output.ebb.estimate import estimate
 from output.ebb.firmware import firmware
@@ -69,11 +69,63 @@ def test_speed_peaks_inside_a_piece_are_found() -> None:
         ("PEN UP", "3.0.3", "line 1"),
         ("# nothing", "3.0.3", "no command"),
         ("LM,10,0,5,20,0,5", "3.0.3", "neither axis can move"),
+        ("EM,1,1|SP,0,100|SM,100,1600,0", "3.0.3", "jumps by 200.0 mm/s at command 3"),
+        ("CU,54,1|SM,100,10,10,252|SM,100,10,10,12", "3.0.3", "line 3: checksum of SM,100,10,10 is 12"),
+        ("CU,54,1|SM,100,10,10,252|QG", "3.0.3", "line 3: 'QG' has no checksum"),
     ],
 )
 def test_what_should_not_be_sent_is_said(text: str, version: str, said: str) -> None:
     report = check(text, version)
     assert not report.sendable and any(said in problem for problem in report.problems), report.problems
+
+
+@pytest.mark.parametrize("step_mm_s", [14, 28, 86])
+def test_staircases_of_speed_are_sendable_with_a_warning(step_mm_s: int) -> None:
+    text = "|".join(["EM,1,1", *(f"SM,25,{2 * step_mm_s * k},0" for k in (1, 2, 1)), "SP,1,50"])
+    report = check(text)
+    assert report.sendable and report.max_velocity_jump_mm_s == pytest.approx(step_mm_s, rel=1e-4)
+    assert any(f"jumps by {step_mm_s}.0 mm/s" in warning for warning in report.warnings)
+    assert not check("EM,1,1|SM,25,16,0|SP,1,50").warnings
+
+
+def test_files_with_checksums_are_read() -> None:
+    plain = ["EM,1,1", "SP,0,100", "SM,100,400,400", "SP,1,100"]
+    summed = check("|".join(["CU,54,1", *map(with_checksum, plain), with_checksum("CU,54,0"), "SM,100,0,0"]))
+    assert summed.sendable and summed.commands == 7 and summed.final_steps == check("|".join(plain)).final_steps == (400, 400)
+
+
+FOREIGN = """EM,1,1
+
+# by hand; every command that moves
+sc,4,16000
+SC,5,24000
+SP,1,500
+SM,100,200,200
+sp,0,150,4
+XM,100,50,-50
+LM,85899345,40,0,85899345,40,0
+LT,250,-20000000,0,-20000000,0
+T3,250,0,0,400,0,0,400
+TD,250,0,0,0,100,0,0,0,-100
+L3,0,50,100000,10,0,0,0,0
+TR,1000,20,-20
+HM,1000,200,300
+HM,1000
+S2,0,4
+TP,100
+QG
+ES
+EM,0,0
+"""
+
+
+def test_a_file_by_hand_with_every_moving_command_is_replayed() -> None:
+    report = check(FOREIGN)
+    assert report.sendable, report.problems
+    assert (report.commands, report.pen_lifts, report.final_steps) == (20, 1, (0, 0))
+    assert len(report.strokes) == 1
+    lacks = check(FOREIGN, "2.8.1").problems
+    assert [problem.split()[2] for problem in lacks] == ["T3", "TD", "L3", "TR"] and "line 12" in lacks[0]
 
 
 def test_leaving_the_machine_is_a_problem() -> None:
