@@ -13,26 +13,31 @@ from output.ebb import arithmetic, arithmetic_old, encode_quadratic
 from output.ebb.arithmetic import ONE_STEP, TICK_S, TICKS_PER_MS, State
 from output.ebb.commands import SM, T3, TD, XM, Command
 from output.ebb.encode_merge import merge
-from output.ebb.encode_pieces import Borders, Parameters, Phase, quantised, split, stretched
-from output.ebb.encode_slow import slowed, slowness
+from output.ebb.encode_pieces import Borders, Parameters, Phase, quantised, split, stretched, subdivide
+from output.ebb.encode_slow import bent, slowed, slowness
 from output.ebb.encode_spans import Samples, cut, on_milliseconds, sampled, without_short_end
 from output.ebb.firmware import Firmware
 from output.ebb.program import Mark, Note
-from output.ebb.queue_forecast import HOST_S, LEAD_S, STILL_MM_S, QueueForecast, queue_setup, service_s
+from output.ebb.queue_forecast import HOST_S, LEAD_S, LEAST_LEAD_S, STILL_MM_S, QueueForecast, queue_setup, service_s
 from output.errors import BadCommand
 from planning.motion.limits import Kinematics
 
 Array = NDArray[np.float64]
 
+# How far (2^-31 steps) a piece may be beside the plan because it slows down or speeds up within it.
+_BENT = 0.05 * ONE_STEP
+
 
 @dataclass(frozen=True, slots=True)
 class Sizing:
-    """How long pieces are made. `lead_s` of motion should be queued where the depth allows; merging may move the pen
-    `merge_steps` off the plan, and parabolas (LT, LM) or lines (SM, XM) `lt_steps` or `sm_steps`; `host_s` is what the host
-    takes from one answer to the next command. Beyond `worst_steps` times these, a motion is slowed down instead.
+    """How long pieces are made. `lead_s` of motion should be queued where the depth allows, and `least_lead_s` must be: a
+    motion is slowed down for it. Merging may move the pen `merge_steps` off the plan, and parabolas (LT, LM) or lines (SM, XM)
+    `lt_steps` or `sm_steps`; beyond `worst_steps` times these, a motion is slowed down instead. `host_s` is what the host takes
+    from one answer to the next command.
     """
 
     lead_s: float = LEAD_S
+    least_lead_s: float = LEAST_LEAD_S
     merge_steps: float = 0.4
     lt_steps: float = 0.5
     sm_steps: float = 1.0
@@ -84,7 +89,7 @@ class Family(ABC):
         lost_s = (int(slower.ticks.sum()) - int(planned.ticks.sum())) * TICK_S
         return Note(
             f"{where} slowed by up to {100 * (longer.max() - 1):.0f} % ({lost_s:.2f} s more) for firmware "
-            f"{self.firmware.name}, which cannot take commands that fast"
+            f"{self.firmware.name}, whose queue would hold too little of it otherwise"
         )
 
 
@@ -101,7 +106,7 @@ class Cubic(Family):
 
     def motion(self, borders: Borders, last: bool = True) -> Iterator[Command | Mark]:
         merged = split(merge(borders, self.sizing.merge_steps, self._lacking, self.to_mm))
-        chosen = self._sustained(merged)
+        merged, chosen = self._sustained(merged)
         if chosen is not merged:
             yield self.note(merged, chosen)
         self.begun = None if last else slowness(merged, chosen)
@@ -133,31 +138,43 @@ class Cubic(Family):
         place = np.arange(len(ticks))
         return np.asarray(near[place + depth + 1] > near[place + 1])
 
-    def _sustained(self, borders: Borders) -> Borders:
-        """The motion slowed down where the queue would run dry; moves the queue on."""
-        shortest = self.sustainable_ticks("T3", borders)
+    def _sustained(self, borders: Borders) -> tuple[Borders, Borders]:
+        """The motion, and slowed down where the queue would run dry or hold too little; moves the queue on."""
+        depth = self.queue.setup.depth
+        sustained = self.sustainable_ticks("T3", borders)
+        # As many pieces of this length as are queued together last `least_lead_s`.
+        least = max(sustained, int(np.ceil(self.sizing.least_lead_s / depth / TICK_S)) - self.firmware.dead_ticks)
         need = np.ones(len(borders))
         chosen = borders if self.begun in (None, 1.0) else slowed(borders, need, self.begun)
         while True:
-            model, starved = self._queue_after(chosen)
-            # What is too short among the pieces that were queued when it ran dry, and no more of them.
-            near = np.concatenate(([0], np.cumsum(starved)))
-            place = np.arange(len(borders))
-            near_dry = near[np.minimum(place + self.queue.setup.depth + 1, len(borders))] > near[place]
-            wanted = np.where(near_dry, shortest / borders.ticks, 1.0)
-            if not (wanted > need).any():
-                self.queue = model
-                return chosen
-            need = np.maximum(need, wanted)
+            model, dry, little = self._queue_after(chosen)
+            wanted = np.ones(len(borders))
+            for places, shortest in ((dry, sustained), (little, least)):
+                # What is too short among the pieces that were queued when it ran dry, and no more of them.
+                near = np.concatenate(([0], np.cumsum(places)))
+                place = np.arange(len(borders))
+                among = near[np.minimum(place + depth + 1, len(borders))] > near[place]
+                wanted = np.maximum(wanted, np.where(among, shortest / borders.ticks, 1.0))
+            if (wanted > need).any():
+                need = np.maximum(need, wanted)
+            else:
+                parts = np.where((bent(borders, chosen) > _BENT) & (borders.ticks >= 2 * least), 2, 1)
+                if chosen is borders or (parts == 1).all():
+                    self.queue = model
+                    return borders, chosen
+                borders, need = subdivide(borders, parts), np.repeat(need, parts)
             chosen = slowed(borders, need, self.begun)
 
-    def _queue_after(self, borders: Borders) -> tuple[QueueForecast, NDArray[np.bool_]]:
+    def _queue_after(self, borders: Borders) -> tuple[QueueForecast, NDArray[np.bool_], NDArray[np.bool_]]:
+        """The queue after the motion, and at which of its pieces it would have run dry or hold less than `least_lead_s`."""
         model = self.queue.copy()
         takes = self.sizing.host_s + service_s(self.firmware, "T3", self.load(borders.v[:-1]))
         lasts = np.asarray((borders.ticks + self.firmware.dead_ticks) * TICK_S, dtype=np.float64)
         speeds = np.asarray(np.hypot(*(borders.v[:-1] @ self.to_mm).T) / TICK_S)
         leads = model.feed(np.zeros(len(borders), dtype=np.int64), takes, lasts, speeds)
-        return model, (leads < 0) & (speeds > STILL_MM_S)
+        moving = speeds > STILL_MM_S
+        counts = np.arange(len(borders)) >= model.full_from
+        return model, (leads < 0) & moving, (leads < self.sizing.least_lead_s) & moving & counts
 
 
 def _paired(rows: Iterator[Parameters]) -> Iterator[Command]:

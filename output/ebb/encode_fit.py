@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from output.ebb.arithmetic import ONE_STEP
-from output.ebb.encode_pieces import SLACK, Borders, extremes, jerks
+from output.ebb.encode_pieces import Borders, extremes, jerks, slack_rate
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -28,8 +28,6 @@ _RATE_TICKS = 250.0
 _SHARES = np.array([0.0, 1 / 3, 2 / 3])
 # Weight that keeps a border where the plan has it.
 _PINNED = 1e9
-# Rates below this are standing still: 1e-5 steps per second.
-_STILL = 1.0
 # A merged piece may accelerate this much more than the plan does at its steepest in the motion.
 _STEEPER = 1.25
 
@@ -143,8 +141,8 @@ def _bad(plan: Plan, fitted: Borders, kept: Ints) -> Flags:
     high = np.maximum(np.maximum.reduceat(plan.v, 3 * kept[:-1]), plan.borders.v[kept[1:]])
     t = fitted.ticks[:, None].astype(np.float64)
     slowest, fastest = extremes(fitted.v[:-1], starts, (ends - starts) / t, t)
-    # A dip of a thousandth of the speed is held back when it is quantised; more would be a turn.
-    slack = np.maximum(_STILL, SLACK * np.maximum(np.abs(low), np.abs(high)))
+    # A small dip is held back when it is quantised; more would be a turn.
+    slack = slack_rate(np.maximum(np.abs(low), np.abs(high)), t)
     bad |= (((low >= -slack) & (slowest < -slack)) | ((high <= slack) & (fastest > slack))).any(axis=1)
     # Nor may a motor that is near the board's fastest be told to go faster.
     return np.asarray(bad | (np.maximum(-slowest, fastest) > np.maximum(ONE_STEP, np.maximum(-low, high))).any(axis=1))

@@ -24,7 +24,7 @@ Flags = NDArray[np.bool_]
 
 # Shares of the most that merging may be off, in the order in which they are tried.
 GRADES = (0.1, 0.25, 0.5, 0.75, 1.0)
-_MOST_MERGED = 12
+_MOST_MERGED = 36
 # Ticks: integers resolve the middle of a piece of 100 ms to 0.03 step (`encode_pieces.split`).
 _LONGEST = 2500
 # A cubic with the plan's own ends is two to four times further off than the best fit; with 3 too many are cut in two again.

@@ -38,8 +38,10 @@ _END_ERROR = ONE_STEP / 64
 _PAIR_RATE = 1.2e-4
 # Ticks: a piece of this length that is held back so ends at most 1/64 of a step off.
 _LONGEST_AT_REST = 900.0
-# A rate this much (of the piece's greatest) the wrong way is the rounding of a piece that goes one way.
-SLACK = 2e-3
+# A rate this much (of the piece's greatest) the wrong way is the rounding of a piece that goes one way, and is held back, which
+# may move the end of the piece by this much (steps) at most.
+_SLACK = 2e-3
+_HELD_BACK = 1 / 32
 # Ticks over which an error of the phase is made good when the pieces are shorter.
 _SETTLING = 250
 # Pieces that are worked on at a time: arrays are quick, but Python's integers take room.
@@ -47,7 +49,7 @@ _WINDOW = 1 << 15
 # An end of a motion that is slower than this is at rest: arithmetic leaves 1e-9.
 STILL_MM_S = 1e-3
 # Rates below this (2^-31 steps per tick) are standing still: 1e-5 steps per second.
-_STILL_RATE = 1.0
+STILL_RATE = 1.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -193,9 +195,9 @@ def cubics_of(borders: Borders) -> Cubics:
     if max(fastest.max(initial=0.0), -slowest.min(initial=0.0)) > ONE_STEP * 1.0000001:
         speed = max(fastest.max(), -slowest.min()) / ONE_STEP / TICK_S
         raise BadCommand(f"a motor would have to step at {speed:.0f} Hz, the board steps at most at 25000 Hz; plan slower")
-    slack = np.maximum(_STILL_RATE, SLACK * np.maximum(-slowest, fastest))
+    slack = slack_rate(np.maximum(-slowest, fastest), t)
     forwards, backwards = slowest >= -slack, fastest <= slack
-    still = (slowest >= -_STILL_RATE) & (fastest <= _STILL_RATE)
+    still = (slowest >= -STILL_RATE) & (fastest <= STILL_RATE)
     accel, jerk = np.where(still, 0, accel), np.where(still, 0, jerk)
 
     low, high = _register_extremes(accel, jerk, ticks)
@@ -205,6 +207,11 @@ def cubics_of(borders: Borders) -> Cubics:
     slow = np.maximum(np.abs(v0), np.abs(v1)) <= 2 * t**2
     base = accel * (ticks * (ticks + 1) // 2) + jerk * ((ticks - 1) * ticks * (ticks + 1) // 6)
     return Cubics(accel, jerk, least, most, base - (_truncated(accel, 2) - _truncated(jerk, 6)) * ticks, way, slow)
+
+
+def slack_rate(fastest: Array, ticks: Array) -> Array:
+    """The rate (n, 2) the wrong way that is held back in pieces of `ticks` (n, 1) with these greatest rates."""
+    return np.asarray(np.maximum(STILL_RATE, np.minimum(_SLACK * fastest, _HELD_BACK * ONE_STEP / ticks)))
 
 
 def _paired(borders: Borders, exact_jerk: Array, jerk: Ints, accel: Ints) -> tuple[Ints, Ints]:

@@ -2,7 +2,8 @@
 
 With stretch s at a border (1: as planned) its rate becomes v / s, and a piece lasts T times the mean of its ends' stretches.
 The stretch rises and falls so gently around the place that needs it that the change of speed is no steeper than half of what
-the motion itself does at its steepest.
+the motion itself does at its steepest. A piece that is slower at one end than at the other is another cubic, which bends beside
+the way planned; a long one is cut in two until it does not (`bent`).
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from output.ebb.encode_pieces import Borders
+from output.ebb.encode_pieces import Borders, along
 
 Array = NDArray[np.float64]
 
@@ -47,6 +48,18 @@ def slowed(borders: Borders, need: Array, begun: float | None = None) -> Borders
     longer = ticks / t
     stretch[1:-1] = (longer[:-1] + longer[1:]) / 2
     return Borders(borders.x, borders.v / stretch[:, None], ticks)
+
+
+def bent(planned: Borders, slower: Borders) -> Array:
+    """How far (n,) beside the way planned the slower pieces are, in 2^-31 steps, looked at in three places of each."""
+    piece = np.arange(len(planned))
+    off = np.zeros(len(planned))
+    for share in (0.25, 0.5, 0.75):
+        here, way = along(planned, piece, share * planned.ticks.astype(np.float64))
+        there, _ = along(slower, piece, share * slower.ticks.astype(np.float64))
+        aside = (there - here)[:, 0] * way[:, 1] - (there - here)[:, 1] * way[:, 0]
+        off = np.maximum(off, np.abs(aside) / np.maximum(np.hypot(*way.T), 1.0))
+    return off
 
 
 def slowness(planned: Borders, slower: Borders) -> float:

@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 HOST_S = 0.002
 # How much motion is wanted in a queue that is deep enough for it.
 LEAD_S = 1.0
+# How much there must be once the queue has been full: a motion is slowed down where accuracy leaves pieces too short for it.
+# That much the throughput table sustains; half a second would cost dense noise more than twice its time.
+LEAST_LEAD_S = 0.15
 # Places of a deep queue that the streamer leaves free, so that a stop is always heard.
 FREE_PLACES = 2
 # Standing still, in mm/s: running dry at less is no stutter.
@@ -58,12 +61,14 @@ class QueueForecast:
 
     `lowest_lead_s`, before command `lowest_at`, is the lowest lead in motion once the queue has been full; of all motion while
     it has not. (An empty queue takes its time to fill, however long the commands are.) Underruns are counted from the start.
+    `full_from` is the place among those fed last from which the queue had been full.
     """
 
     setup: QueueSetup
     lowest_lead_s: float = np.inf
     lowest_at: int = -1
     has_been_full: bool = False
+    full_from: int = 0
     underruns: int = 0
     starved_s: float = 0.0
     first_underruns: list[tuple[int, float]] = field(default_factory=list)
@@ -98,7 +103,7 @@ class QueueForecast:
             place += 1
             if place == depth:
                 place = 0
-        self._queued_s, self._end_s, self._started = queued, end, ring
+        self._queued_s, self._end_s, self._started, self.full_from = queued, end, ring, filled
         self._count += len(command)
         self._note(command, leads, speed_mm_s, filled)
         return leads

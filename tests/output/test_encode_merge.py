@@ -14,6 +14,7 @@ from output.ebb.encode_pieces import Borders, along, borders_of
 from output.ebb.encode_slow import slowed
 from output.ebb.firmware import firmware
 from output.ebb.program import Note
+from output.ebb.queue_forecast import LEAST_LEAD_S
 from output.ebb.verify import compare, verify
 from planning.motion.plan import Draw, Lift, Lower, Motion
 from tests.output.motion_samples import COREXY, in_parts, spline_motion, wandering
@@ -115,6 +116,7 @@ def test_only_what_is_too_dense_is_slowed_down() -> None:
     report = verify(program, setup.firmware, COREXY)
     assert len(notes) == 1 and "of a motion slowed by up to" in notes[0] and "3.0.3" in notes[0]
     assert report.sendable and report.predicted_underruns == 0
+    assert report.lowest_lead_s is not None and report.lowest_lead_s >= LEAST_LEAD_S
     # Slowed as a whole it would take more than twice its 4.3 s.
     assert motion.total_s * 1.1 < report.pen_down_s < motion.total_s + 1.6
     apart = compare(report.strokes, [motion.sample(np.linspace(0, motion.total_s, 40000))[0]], 0.005)
