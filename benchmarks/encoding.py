@@ -35,7 +35,7 @@ def run() -> None:
     """Print the figures."""
     kinematics = Kinematics(np.array([[80.0, 80.0], [80.0, -80.0]]), 25000.0)
     motion = walk(PIECES)
-    for text, merge_steps in (("every piece a command", 0.0), ("merged as usual", 0.1)):
+    for text, merge_steps in (("every piece a command", 0.0), ("merged as usual", Sizing().merge_steps)):
         setup = BoardSetup(kinematics, firmware(), PenCommands(16000, 24000, 400, 400), sizing=Sizing(merge_steps=merge_steps))
         started, started_cpu = time.perf_counter(), time.process_time()
         report = verify(encode([Draw(motion, 0)], setup), firmware(), kinematics)

@@ -25,6 +25,9 @@ Flags = NDArray[np.bool_]
 # Shares of the most that merging may be off, in the order in which they are tried.
 GRADES = (0.1, 0.25, 0.5, 0.75, 1.0)
 _MOST_MERGED = 36
+# Pieces of the plan that are worked on together, and merged ones before them that are looked back at: more than a queue holds.
+_AT_ONCE = 8192
+_SEEN_BEFORE = 64
 # Ticks: integers resolve the middle of a piece of 100 ms to 0.03 step (`encode_pieces.split`).
 _LONGEST = 2500
 # A cubic with the plan's own ends is two to four times further off than the best fit; with 3 too many are cut in two again.
@@ -41,10 +44,30 @@ def merge(borders: Borders, most_steps: float, lacking: Lacking, to_mm: Array) -
 
     The result is at most `most_steps` off; `to_mm` (2, 2) turns rows of motor units into millimetres.
     """
-    if len(borders) < 2 or most_steps <= 0:
+    if len(borders) < 2 or most_steps <= 0 or not lacking(borders.ticks).any():
         return borders
+    parts: list[Borders] = []
+    # So many at a time take a few megabytes, and no more rounds than they need.
+    for first in range(0, len(borders), _AT_ONCE):
+        last = min(first + _AT_ONCE, len(borders))
+        part = Borders(borders.x[first : last + 1], borders.v[first : last + 1], borders.ticks[first:last])
+        before = parts[-1].ticks[-_SEEN_BEFORE:] if parts else part.ticks[:0]
+        parts.append(_merged(part, most_steps, _after(before, lacking), to_mm))
+    return Borders(
+        np.vstack([*(part.x[:-1] for part in parts), borders.x[-1:]]),
+        np.vstack([*(part.v[:-1] for part in parts), borders.v[-1:]]),
+        np.concatenate([part.ticks for part in parts]),
+    )
+
+
+def _after(before: Ints, lacking: Lacking) -> Lacking:
+    """`lacking` for pieces that come after these."""
+    return lambda ticks: lacking(np.concatenate((before, ticks)))[len(before) :]
+
+
+def _merged(borders: Borders, most_steps: float, lacking: Lacking, to_mm: Array) -> Borders:
     wanting = lacking(borders.ticks)
-    if not wanting.any():
+    if len(borders) < 2 or not wanting.any():
         return borders
     plan = Plan(borders, to_mm)
     allowed = np.array(GRADES) * most_steps * ONE_STEP
