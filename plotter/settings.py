@@ -21,7 +21,7 @@ from planning.motion.clearance import PenTiming
 from planning.motion.limits import Limits
 from plotter import units
 from plotter.errors import BadInput
-from plotter.machines.profile import Machine, PenLift, first_fault, load_machine, load_pen_lift, load_quality
+from plotter.machines.profile import Machine, PenLift, first_fault, load_machine, load_pen_lift, load_quality, machine_key
 
 
 def _written(parse: Callable[[str], float]) -> BeforeValidator:
@@ -108,6 +108,11 @@ class Settings(BaseModel):
             bounds = f"above pen_down ({self.pen_down:g} %) and at most at pen_up ({self.pen_up:g} %)"
             raise ValueError(f"pen_low ({self.pen_low:g} %) must lie {bounds}")
         return self
+
+    @field_validator("machine")
+    @classmethod
+    def _machine_is_found_again(cls, name: str) -> str:
+        return machine_key(name)
 
     @field_validator("firmware")
     @classmethod

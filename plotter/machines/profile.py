@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from importlib import resources
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -127,10 +128,39 @@ def machine_names() -> list[str]:
 
 
 def load_machine(name: str) -> Machine:
-    """The machine profile called `name`. Raises BadInput, naming the ones there are, when there is none."""
+    """The machine profile called `name`, or the one in the file `name` when that ends in .toml.
+
+    Raises BadInput naming the profiles there are when there is none of that name, or what is wrong with the file.
+    """
+    if name.endswith(".toml"):
+        return _machine_file(Path(machine_key(name)))
     if name not in machine_names():
-        raise BadInput(f"there is no machine '{name}': choose one of {', '.join(machine_names())} (see `plotter machines`)")
+        names = ", ".join(machine_names())
+        raise BadInput(
+            f"there is no machine '{name}': choose one of {names} (see `plotter machines`), or give your own FILE.toml"
+        )
     return Machine.model_validate({"name": name, **_toml(f"{name}.toml")})
+
+
+def machine_key(name: str) -> str:
+    """What to remember of a chosen machine: its name, or where its file is, whatever the folder one is in later."""
+    return str(Path(name).expanduser().absolute()) if name.endswith(".toml") else name
+
+
+def _machine_file(path: Path) -> Machine:
+    try:
+        machine = Machine.model_validate({"name": str(path), **tomllib.loads(path.read_text(encoding="utf-8"))})
+        machine.kinematics()
+    except OSError as error:
+        raise BadInput(f"cannot read the machine profile {path}: {error.strerror}; check the path") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInput(f"the machine profile {path} is not TOML: {error}") from None
+    except ValidationError as error:
+        raise BadInput(f"the machine profile {path}: {first_fault(error)}; docs/machines.md shows one") from None
+    except ValueError as error:
+        raise BadInput(f"the machine profile {path}: {error}; docs/machines.md shows one") from None
+    load_pen_lift(machine.pen_lift)
+    return machine
 
 
 def pen_lift_names() -> list[str]:
