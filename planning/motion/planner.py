@@ -83,7 +83,6 @@ def plan(layers: Iterable[Layer], settings: MotionSettings, start_mm: Array, end
         if layer.pause_before:
             name = layer.name or f"layer {layer.number}"
             yield OperatorPause(f"next: {name}" + (f", pen {layer.color}" if layer.color else ""))
-            lift = Lift(np.inf)
         strokes = list(layer.strokes)
         done = 0
         while done < len(strokes):

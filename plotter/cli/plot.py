@@ -69,7 +69,12 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
 def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | None) -> None:
     """Plot on the board at `port`. `head` is the journal's; None keeps none, for a board that goes when the plot does."""
     attended = head is not None or sys.stdin.isatty()
-    with awake(), connect(port, board_speed=board_speed, checksums=job.settings.checksums) as board, ExitStack() as context:
+    checksums, pen_pin = job.settings.checksums, job.settings.pen_lift().other_pin
+    with (
+        awake(),
+        connect(port, board_speed=board_speed, checksums=checksums, pen_pin=pen_pin) as board,
+        ExitStack() as context,
+    ):
         setup = board_setup(job.settings, job.machine, board.firmware)
         journal = None if head is None else context.enter_context(_begun(head))
         ended = plot_in_parts(board, job, setup, journal, None, pauses=attended)
