@@ -24,10 +24,10 @@ from output.ebb.commands import EM, LT, S2, SC, SM, SP, SR, Command
 from output.ebb.encode_families import Family, Sizing
 from output.ebb.encode_pieces import PRIMED, borders_of
 from output.ebb.firmware import Firmware
-from output.ebb.program import ApproachMark, LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
+from output.ebb.program import ApproachMark, DipMark, LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
 from output.errors import BadCommand
 from planning.motion.limits import Kinematics
-from planning.motion.plan import Action, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
+from planning.motion.plan import Action, Dip, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
 
 # Servo outputs that share a period of 24 ms after a reset.
 ALL_CHANNELS = 8
@@ -177,6 +177,11 @@ class Encoder:
                 yield self.low(wait_s) if height == "low" else self.pen(1, wait_s)
             case Dwell(duration_s=duration_s):
                 yield from self.wait(duration_s)
+            case Dip(lower_s=lower_s, dwell_s=dwell_s, lift_s=lift_s):
+                yield DipMark()
+                yield self.pen(0, lower_s)
+                yield from self.wait(dwell_s)
+                yield self.pen(1, lift_s)
             case LayerStart(number=number, name=name):
                 yield LayerMark(number, name)
             case OperatorPause(message=message):

@@ -24,7 +24,7 @@ from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, complaint, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.producer import Item, Producer
-from output.ebb.program import ApproachMark, LayerMark, Mark, PauseMark, Program, StrokeEnd, StrokeMark
+from output.ebb.program import ApproachMark, DipMark, LayerMark, Mark, PauseMark, Program, StrokeEnd, StrokeMark
 from output.ebb.protocol import Event, Reply
 from output.errors import BadCommand, BoardRefused
 
@@ -215,7 +215,7 @@ class Streamer:
     def _may_hold(self, mark: Mark) -> bool:
         """Before a stroke, with the pen up: at its approach where the pen is lowered on the way, else at its own mark."""
         approached, self._approached = self._approached, isinstance(mark, ApproachMark)
-        return self._approached or (isinstance(mark, StrokeMark) and not approached)
+        return self._approached or isinstance(mark, DipMark) or (isinstance(mark, StrokeMark) and not approached)
 
     def _may_send(self, command: Command) -> bool:
         lead_s = self.model.lead_s(self._talk.clock())
