@@ -28,7 +28,7 @@ def board_setup(
             lift.down_pulse,
             lift.rate_up,
             lift.rate_down,
-            pin=None if lift.pin == 1 else lift.pin,
+            pin=lift.other_pin,
             low=lift.pulse(settings.low_percent),
             channels=lift.channels,
             solenoid=lift.output == "solenoid",

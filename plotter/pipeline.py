@@ -12,6 +12,7 @@ from output.ebb.program import Mark
 from planning.geometry.stroke import Layer
 from planning.motion.plan import Action
 from planning.motion.planner import MotionSettings, check_bounds, plan
+from planning.motion.reinking import check_well
 from planning.ordering.arrange import OrderOptions, order_layers
 from plotter.arrange import Arranged, arrange
 from plotter.board_setup import HOME_MM
@@ -54,6 +55,7 @@ def prepare(file: str, reading: ReadOptions, settings: Settings) -> Job:
     drawing = read_drawing(content, reading)
     arranged = arrange(drawing, settings, machine)
     check_bounds(arranged.layers, _travel_bounds(machine))
+    check_well(settings.reinking(), _travel_bounds(machine))
     options = OrderOptions(
         order=settings.order,
         time_budget_s=settings.order_time,
@@ -63,7 +65,7 @@ def prepare(file: str, reading: ReadOptions, settings: Settings) -> Job:
         overdraw_mm=settings.overdraw,
         reverse=settings.reverse,
         interleave=settings.interleave,
-        max_stroke_mm=settings.max_stroke,
+        max_stroke_mm=settings.longest_stroke_mm,
         by=settings.group,
         seed=settings.seed,
     )
@@ -80,6 +82,7 @@ def motion_settings(settings: Settings, machine: Machine) -> MotionSettings:
         pen=settings.pen_timing(),
         bounds_mm=_travel_bounds(machine),
         constant_speed=settings.constant_speed,
+        reinking=settings.reinking(),
     )
 
 

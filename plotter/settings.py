@@ -5,6 +5,7 @@ A value is taken from the flag, else from the settings file, else from what the 
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
@@ -12,13 +13,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import platformdirs
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from output.ebb.firmware import firmware
 from output.errors import BadCommand
 from planning.motion.clearance import PenTiming
 from planning.motion.limits import Limits
+from planning.motion.reinking import Reinking
 from plotter import units
 from plotter.errors import BadInput
 from plotter.machines.profile import Machine, PenLift, first_fault, load_machine, load_pen_lift, load_quality, machine_key
@@ -35,6 +47,9 @@ Jerk = Annotated[float, _written(units.jerk_mm_s3), Field(gt=0, le=100_000_000, 
 Delay = Annotated[float, _written(units.time_s), Field(ge=0, le=60, allow_inf_nan=False)]
 Percent = Annotated[float, _written(units.percent), Field(ge=0, le=100, allow_inf_nan=False)]
 Budget = Annotated[float, _written(units.time_s), Field(ge=0, le=3600, allow_inf_nan=False)]
+
+# The longest that may be said between two re-inkings, in millimetres or seconds.
+LONGEST_REINK = 1_000_000.0
 
 
 class Settings(BaseModel):
@@ -85,6 +100,12 @@ class Settings(BaseModel):
         False, description="Draw every other stroke on the way out, the rest on the way back, to let ink dry."
     )
     max_stroke: Annotated[Length, Field(gt=0)] | None = Field(None, description="Cut strokes longer than this.")
+    reink_every: str | None = Field(
+        None,
+        description="Re-ink the pen after so much ink (2m) or time (5min): in the well, or in a pause without one.",
+    )
+    well: str | None = Field(None, description="Where the pen is dipped to re-ink it: X,Y from home.")
+    dip: Delay = Field(0.5, description="How long the pen stays down in the well.")
     group: Literal["layer", "color"] = Field("layer", description="Keep the file's layers, or gather each colour into one.")
     commands: Literal["auto", "t3", "lt", "lm", "sm", "xm"] = Field("auto", description="Board commands to use.")
     checksums: bool = Field(False, description="Have the board check every command it gets (firmware 3).")
@@ -121,6 +142,41 @@ class Settings(BaseModel):
             return firmware(version).name
         except BadCommand as error:
             raise ValueError(str(error)) from None
+
+    @field_validator("reink_every", "well")
+    @classmethod
+    def _can_be_read(cls, value: str | None, field: ValidationInfo) -> str | None:
+        if value is not None and field.field_name == "well":
+            units.point_mm(value)
+        elif value is not None and not 0 < sum(amount or 0.0 for amount in units.amount(value)) <= LONGEST_REINK:
+            raise ValueError(f"it must be more than nothing and at most {LONGEST_REINK / 1000:g} m or {LONGEST_REINK:g} s")
+        return value
+
+    @model_validator(mode="after")
+    def _a_well_has_its_times(self) -> Settings:
+        if self.well is not None and self.reink_every is None:
+            raise ValueError(f"well ({self.well}) needs reink_every, to say how often the pen goes there")
+        return self
+
+    def reinking(self) -> Reinking | None:
+        """When the pen is re-inked and where; None is never."""
+        if self.reink_every is None:
+            return None
+        every_mm, every_s = units.amount(self.reink_every)
+        well_mm = None if self.well is None else np.array(units.point_mm(self.well))
+        return Reinking(every_mm or math.inf, every_s or math.inf, well_mm, self.dip)
+
+    @property
+    def longest_stroke_mm(self) -> float | None:
+        """Longer strokes are cut: by hand, or so that the pen is re-inked in time. None: none is cut.
+
+        What is drawn in a time is known only when it is planned; at full speed a piece takes half of it at most.
+        """
+        longest = [] if self.max_stroke is None else [self.max_stroke]
+        if self.reink_every is not None:
+            every_mm, every_s = units.amount(self.reink_every)
+            longest.append(every_mm or (every_s or math.inf) * self.draw_speed / 2)
+        return min(longest, default=None)
 
     def machine_profile(self) -> Machine:
         return load_machine(self.machine)

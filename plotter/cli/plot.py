@@ -30,6 +30,9 @@ from plotter.pipeline import Job, prepare
 from plotter.preview.picture import draw_ink
 from plotter.units import spoken_duration
 
+# The board stands on whole steps.
+_AT_WELL_MM = 0.02
+
 
 @click.command()
 @click.argument("file", metavar="FILE.svg")
@@ -69,7 +72,12 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
 def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | None) -> None:
     """Plot on the board at `port`. `head` is the journal's; None keeps none, for a board that goes when the plot does."""
     attended = head is not None or sys.stdin.isatty()
-    with awake(), connect(port, board_speed=board_speed, checksums=job.settings.checksums) as board, ExitStack() as context:
+    checksums, pen_pin = job.settings.checksums, job.settings.pen_lift().other_pin
+    with (
+        awake(),
+        connect(port, board_speed=board_speed, checksums=checksums, pen_pin=pen_pin) as board,
+        ExitStack() as context,
+    ):
         setup = board_setup(job.settings, job.machine, board.firmware)
         journal = None if head is None else context.enter_context(_begun(head))
         ended = plot_in_parts(board, job, setup, journal, None, pauses=attended)
@@ -108,9 +116,16 @@ def _summary(job: Job, ended: Ended) -> str:
 def _keep_picture(virtual: VirtualBoard, picture: Path | None, job: Job) -> None:
     if picture is None:
         return
-    ink = ink_mm(virtual.record(), job.machine.kinematics())
+    reinking = job.settings.reinking()
+    well_mm = None if reinking is None else reinking.well_mm
+    ink = [line for line in ink_mm(virtual.record(), job.machine.kinematics()) if not _is_dip(line, well_mm)]
     colors = [stroke.color for layer in job.layers for stroke in layer.strokes]
     draw_ink(picture, ink, (job.machine.width_mm, job.machine.height_mm), colors=colors if len(colors) == len(ink) else None)
+
+
+def _is_dip(line: np.ndarray, well_mm: np.ndarray | None) -> bool:
+    """A dot in the well, which is ink for the pen and none on the paper."""
+    return well_mm is not None and len(line) == 1 and bool(np.abs(line - well_mm).max() < _AT_WELL_MM)
 
 
 def ink_mm(record: dict[str, Any], kinematics: Kinematics) -> list[np.ndarray]:

@@ -48,6 +48,11 @@ class PenLift(_Profile):
     touch_high: float = Field(ge=0, le=1)
     low: float = Field(gt=0, le=1)
 
+    @property
+    def other_pin(self) -> int | None:
+        """The servo's RB pin as SP names it; None for the board's own, RB1."""
+        return None if self.pin == 1 else self.pin
+
     def pulse(self, percent: float) -> int:
         """The pulse length for a height in percent."""
         return round(self.pulse_at_0 + (self.pulse_at_100 - self.pulse_at_0) * percent / 100)
@@ -61,12 +66,16 @@ class PenLift(_Profile):
         return self.pulse(self.down_percent)
 
     def lift_s(self) -> float:
-        """From the command to the pen being up: whole servo periods for the way, one more for the phase, and settling."""
-        return self._way_s(self.rate_up) + self.settle_up_ms / 1000
+        """From the command to the pen being up: whole servo periods for the way, one more for the phase, and settling.
+
+        Never less than until the tip is clear of the paper, wherever that is.
+        """
+        return max(self._way_s(self.rate_up) + self.settle_up_ms / 1000, self._tip_s(self.rate_up, self.touch_high))
 
     def lower_s(self) -> float:
         """From the command to the pen being on the paper and quiet."""
-        return self._way_s(self.rate_down) + self.settle_down_ms / 1000
+        settle_s = self.settle_down_ms / 1000
+        return settle_s + max(self._way_s(self.rate_down), self._tip_s(self.rate_down, 1 - self.touch_low))
 
     def clearance(self, lift_s: float, lower_s: float, low: float) -> Clearance:
         """How high the pen certainly is, where lifting and lowering are given `lift_s` and `lower_s` instead of the profile's
@@ -86,6 +95,11 @@ class PenLift(_Profile):
             touch_high=self.touch_high,
             low=low,
         )
+
+    def _tip_s(self, rate: int, share: float) -> float:
+        """Until the tip has certainly gone this share of the way, in whole milliseconds."""
+        way_ms = abs(self.up_pulse - self.down_pulse) * self.period_ms / rate
+        return math.ceil(self.period_ms + self.lag_ms + share * way_ms) / 1000
 
     def _way_s(self, rate: int) -> float:
         periods = math.ceil(abs(self.up_pulse - self.down_pulse) / rate) + 1
