@@ -12,7 +12,8 @@ from output.ebb.encode import encode, epilogue, prologue
 from output.ebb.firmware import firmware
 from output.ebb.verify import compare, verify
 from planning.motion.plan import Action, Draw
-from plotter.pipeline import board_setup, planned, prepare
+from plotter.board_setup import board_setup
+from plotter.pipeline import planned, prepare
 from plotter.settings import resolve
 from plotter.svg.options import ReadOptions
 

@@ -104,14 +104,22 @@ def _int32(value: int) -> int:
     return (value + ONE_STEP) % (2 * ONE_STEP) - ONE_STEP
 
 
+def negated(value: int) -> int:
+    """What a 32-bit register holds of -value."""
+    return _int32(-value)
+
+
 def profile_of(rate: int, accel: int, jerk: int) -> Profile:
     """The profile that the parser makes of a command's Rate, Accel and Jerk."""
     return Profile(rate - trunc_div(accel, 2) + trunc_div(jerk, 6), accel, jerk)
 
 
 def starts_negative(profile: Profile) -> bool:
-    """Whether the axis starts backwards, by which Clear presets the accumulator to 2^31 - 1 instead of 0."""
-    first, second = profile.r0 + profile.accel, profile.accel + profile.jerk
+    """Whether the axis starts backwards, by which Clear presets the accumulator to 2^31 - 1 instead of 0.
+
+    The firmware adds in 32 bits here too: what is beyond them starts the other way.
+    """
+    first, second = _int32(profile.r0 + profile.accel), _int32(profile.accel + profile.jerk)
     return first < 0 or (first == 0 and (second < 0 or (second == 0 and profile.jerk < 0)))
 
 
@@ -148,7 +156,7 @@ def execute(command: Command, state: State) -> Executed:
             steps = (command.steps1, command.steps2 or 0)
             return _constant(steps, sm_rates(command.duration_ms, steps), command.clear, state, command.duration_ms)
         case XM():
-            steps = (command.steps_a + command.steps_b, command.steps_a - command.steps_b)
+            steps = (_int32(command.steps_a + command.steps_b), _int32(command.steps_a - command.steps_b))
             return _constant(steps, sm_rates(command.duration_ms, steps), command.clear, state, command.duration_ms)
         case TR():
             steps = (command.steps1, command.steps2 or 0)
@@ -193,11 +201,11 @@ def _timed(ticks: int, profiles: tuple[Profile, Profile], clear: int | None, sta
 
 
 def _double(command: TD, state: State) -> Executed:
-    # The second half never clears, whatever the reference says.
+    # The second half never clears, whatever the reference says. Its jerk is negated in 32 bits, where -2^31 has no opposite.
     first = (profile_of(command.rate1a, 0, command.jerk1), profile_of(command.rate2a, 0, command.jerk2))
     second = (
-        profile_of(command.rate1b, command.accel1, -command.jerk1),
-        profile_of(command.rate2b, command.accel2, -command.jerk2),
+        profile_of(command.rate1b, command.accel1, negated(command.jerk1)),
+        profile_of(command.rate2b, command.accel2, negated(command.jerk2)),
     )
     a = _timed(command.intervals, first, command.clear, state)
     b = _timed(command.intervals, second, None, a.state)
@@ -209,7 +217,7 @@ def _stepped(one: tuple[int, int, int, int], two: tuple[int, int, int, int], cle
     profiles, wanted = [STILL, STILL], [0, 0]
     for axis, (rate, steps, accel, jerk) in enumerate((one, two)):
         if steps < 0:  # Jerk keeps its sign: the firmware forgets it.
-            rate, steps, accel = -rate, -steps, _int32(-accel)
+            rate, steps, accel = negated(rate), -steps, negated(accel)
         profiles[axis], wanted[axis] = profile_of(rate, accel, jerk), steps
     pair = (profiles[0], profiles[1])
     acc = _cleared(clear, pair, state.acc)
@@ -451,14 +459,14 @@ def _sm_rate(per_ms: _Float, steps: int, axis: int) -> int:
 
 
 def tr_rates(steps_per_s: int, steps: tuple[int, int]) -> tuple[int, int]:
-    """The rates of TR and HM: the longer axis at `steps_per_s`, the other in proportion, at least 1."""
+    """The rates of TR and HM: the longer axis at `steps_per_s`, the other in proportion, from 1 to 2^31 - 1."""
     sizes = (abs(steps[0]), abs(steps[1]))
     major = 0 if sizes[0] >= sizes[1] else 1
     if sizes[major] == 0:
         return (0, 0)
     hz = _from_int(steps_per_s)
     rates = [0, 0]
-    rates[major] = min(_truncated(_multiply(hz, _TR_CONSTANT)), ONE_STEP - 1)
+    rates[major] = _truncated(_multiply(hz, _TR_CONSTANT))
     minor = 1 - major
     if sizes[minor]:
         share = _divide(_multiply(_from_int(sizes[minor]), hz), _from_int(sizes[major]))

@@ -31,6 +31,8 @@ _CHUNK = 1 << 16
 _DELAY_WRAP_MS = 65536
 _LEAST_RATE = 112589  # 1.31 steps per second
 """A slower axis is refused."""
+_MS_PER_SLOW_STEP = 763
+_SHORTEST_HOMING_MS = 10
 
 
 def execute(command: Command, state: State) -> Executed:
@@ -190,16 +192,31 @@ def _rolling_total(profile: Profile, ticks: int) -> int:
 
 
 def _home(command: HM, state: State) -> Executed:
-    """A straight line to the position, the longer axis at the asked rate; accumulators are cleared first.
+    """A line to the position, the longer axis at the asked rate, as SM computes it; accumulators are cleared first.
 
-    The firmware may split it in two so that the slower axis keeps its least rate; ends and duration are the same.
+    Where the shorter axis would be slower than 1.31 steps per second, both go as far as it has to, and then the other alone.
     """
     to = (command.position1 or 0, command.position2 or 0)
     steps = (to[0] - state.position[0], to[1] - state.position[1])
-    longest = max(abs(steps[0]), abs(steps[1]))
-    cleared = State(state.position, (0, 0))
-    if not longest:
-        return Executed(cleared, 1, 0, ())
-    duration_ms = max(10, round(1000 * longest / command.steps_per_s))
-    rates = [max((abs(n) << 31) // (TICKS_PER_MS * duration_ms), 1) for n in steps]
-    return _at_rates((rates[0], rates[1]), steps, cleared)
+    segments: tuple[Segment, ...] = ()
+    state, ticks = State(state.position, (0, 0)), 0
+    for part in _homing_parts(steps, command.steps_per_s):
+        duration_ms = _homing_ms(part, command.steps_per_s)
+        rate1, rate2 = (min(sm_rate(duration_ms, n), ONE_STEP) for n in part)
+        done = _at_rates((rate1, rate2), part, state)
+        state, ticks, segments = done.state, ticks + done.ticks, segments + done.segments
+    return Executed(state, max(ticks, 1), 0, segments)
+
+
+def _homing_ms(steps: tuple[int, int], steps_per_s: int) -> int:
+    return max(_SHORTEST_HOMING_MS, max(abs(steps[0]), abs(steps[1])) * 1000 // steps_per_s)
+
+
+def _homing_parts(steps: tuple[int, int], steps_per_s: int) -> list[tuple[int, int]]:
+    shorter, longer = sorted((abs(steps[0]), abs(steps[1])))
+    if not longer:
+        return []
+    if not shorter or shorter * _MS_PER_SLOW_STEP >= _homing_ms(steps, steps_per_s):
+        return [steps]
+    corner = (shorter if steps[0] > 0 else -shorter, shorter if steps[1] > 0 else -shorter)
+    return [corner, (steps[0] - corner[0], steps[1] - corner[1])]

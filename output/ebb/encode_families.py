@@ -121,15 +121,17 @@ class Cubic(Family):
         self.queued_s = [*self.queued_s, *lasts_s[-depth:].tolist()][-depth:]
 
     def _lacking(self, ticks: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which pieces of a motion lie in a queue that holds less than is wanted when some piece of it starts."""
+        """Which pieces of a motion lie in a queue that holds less than is wanted when some piece comes, of it or after it."""
         depth = self.queue.setup.depth
-        lasts = np.concatenate((self.queued_s, (ticks + self.firmware.dead_ticks) * TICK_S))
-        # What is queued when piece i comes are the `depth` pieces before it.
+        # What comes after the motion is not known yet: it will be neither better nor worse than is wanted.
+        after = np.full(depth, self.sizing.lead_s / depth)
+        lasts = np.concatenate((self.queued_s, (ticks + self.firmware.dead_ticks) * TICK_S, after))
+        # What is queued when a piece comes are the `depth` pieces before it.
         total = np.concatenate(([0.0], np.cumsum(np.minimum(lasts, self.sizing.lead_s))))
-        little = total[depth:] - total[:-depth] < self.sizing.lead_s
+        little = total[depth:] - total[:-depth] < self.sizing.lead_s * (1 - 1e-9)
         near = np.concatenate(([0], np.cumsum(little)))
         place = np.arange(len(ticks))
-        return np.asarray(near[np.minimum(place + depth + 1, len(little))] > near[place + 1])
+        return np.asarray(near[place + depth + 1] > near[place + 1])
 
     def _sustained(self, borders: Borders) -> Borders:
         """The motion slowed down where the queue would run dry; moves the queue on."""

@@ -25,8 +25,8 @@ Flags = NDArray[np.bool_]
 # Shares of the most that merging may be off, in the order in which they are tried.
 GRADES = (0.1, 0.25, 0.5, 0.75, 1.0)
 _MOST_MERGED = 12
-# Ticks: integers resolve a piece of 50 ms to 0.08 step.
-_LONGEST = 1250
+# Ticks: integers resolve the middle of a piece of 100 ms to 0.03 step (`encode_pieces.split`).
+_LONGEST = 2500
 # A cubic with the plan's own ends is two to four times further off than the best fit; with 3 too many are cut in two again.
 _WORSE = 2.2
 # Fits in which bad pieces are cut in two, and fits after which all is left as planned; in between bad ones become the plan's.
@@ -53,11 +53,22 @@ def merge(borders: Borders, most_steps: float, lacking: Lacking, to_mm: Array) -
     everywhere = np.arange(len(borders))
     while True:
         kept = _walked(np.where(grade < 0, 1, lengths[grade, everywhere]))
-        owner = np.repeat(np.arange(len(kept) - 1), np.diff(kept))
-        more = lacking(np.diff(plan.time[kept]))[owner] & (grade < len(GRADES) - 1)
-        if not more.any():
-            return _fitted(plan, kept, allowed[np.maximum(grade, 0)])
-        grade[more] += 1
+        # Before the fit, which costs more and only makes pieces shorter; and then what it has really come to.
+        if _raised(grade, kept, lacking(np.diff(plan.time[kept]))):
+            continue
+        fitted, kept = _fitted(plan, kept, allowed[np.maximum(grade, 0)])
+        if not _raised(grade, kept, lacking(fitted.ticks)):
+            return fitted
+
+
+def _raised(grade: Ints, kept: Ints, lacks: Flags) -> bool:
+    """Raise the `grade` (n,) of the plan's pieces of which the pieces between `kept` (k + 1,) are made where one `lacks` (k,).
+
+    False when none can be raised.
+    """
+    more = np.repeat(lacks, np.diff(kept)) & (grade < len(GRADES) - 1)
+    grade[more] += 1
+    return bool(more.any())
 
 
 def _walked(length: Ints) -> Ints:
@@ -100,10 +111,14 @@ def _off(borders: Borders, time: Ints, starts: Ints, m: int) -> Array:
     return off
 
 
-def _fitted(plan: Plan, kept: Ints, allowed: Array) -> Borders:
-    """The best motion over these borders, with shorter pieces where it is not good enough. `allowed` (n,) per plan's piece."""
-    if len(kept) == len(plan.borders) + 1:
-        return plan.borders
+def _fitted(plan: Plan, kept: Ints, allowed: Array) -> tuple[Borders, Ints]:
+    """The best motion over these borders, with shorter pieces where it is not good enough, and the borders it has then.
+
+    `allowed` (n,) is how far each of the plan's pieces may be off.
+    """
+    as_planned = np.arange(len(plan.borders) + 1)
+    if len(kept) == len(as_planned):
+        return plan.borders, as_planned
     pinned = np.zeros(len(plan.borders) + 1, dtype=np.bool_)
     pinned[[0, -1]] = True
     for fits in range(_MOST_FITS):
@@ -115,7 +130,7 @@ def _fitted(plan: Plan, kept: Ints, allowed: Array) -> Borders:
         single, held, far = ends - starts == 1, pinned[starts] & pinned[ends], fitted.off > limit
         bad = (far | fitted.bad) & ~(single & held)
         if not bad.any():
-            return fitted.borders
+            return fitted.borders, kept
         if fits < _HALVED:
             # Ends that are the plan's own keep a piece from turning back; if they are already, or it is too far off, it is cut.
             halves = bad & ~single & (held | far)
@@ -125,4 +140,4 @@ def _fitted(plan: Plan, kept: Ints, allowed: Array) -> Borders:
             for first, last in zip(starts[bad].tolist(), ends[bad].tolist(), strict=True):
                 pinned[first : last + 1] = True
             kept = np.union1d(kept, np.flatnonzero(pinned))
-    return plan.borders
+    return plan.borders, as_planned

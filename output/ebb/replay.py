@@ -14,7 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from output.ebb import arithmetic, arithmetic_old
-from output.ebb.arithmetic import ONE_STEP, STILL, TICKS_PER_MS, NeverEnds, Profile, State, StepRateRefused, ticks_of_wait
+from output.ebb.arithmetic import (
+    ONE_STEP,
+    STILL,
+    TICKS_PER_MS,
+    NeverEnds,
+    Profile,
+    State,
+    StepRateRefused,
+    negated,
+    ticks_of_wait,
+)
 from output.ebb.command_file import Line
 from output.ebb.commands import CS, CU, EM, LT, S2, SC, SM, SP, T3, TD, TP, XM, Command, MotionCommand, R
 from output.ebb.firmware import Firmware
@@ -183,7 +193,7 @@ class Replay:
             self._timed(c.intervals, (c.rate1, c.accel1, 0), (c.rate2, c.accel2, 0), index)
         elif isinstance(c, TD):
             self._timed(c.intervals, (c.rate1a, 0, c.jerk1), (c.rate2a, 0, c.jerk2), index)
-            self._timed(c.intervals, (c.rate1b, c.accel1, -c.jerk1), (c.rate2b, c.accel2, -c.jerk2), index)
+            self._timed(c.intervals, (c.rate1b, c.accel1, negated(c.jerk1)), (c.rate2b, c.accel2, negated(c.jerk2)), index)
         elif isinstance(c, SM | XM):
             self._still(min(c.duration_ms, self.firmware.max_delay_ms) * TICKS_PER_MS, WAIT, index)
         elif isinstance(c, SP | TP | S2) and c.queued:

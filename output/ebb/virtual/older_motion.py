@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from output.ebb.virtual.motion_commands import LONGEST_DELAY_MS, TICKS_PER_MS, Handling, Wait
 from output.ebb.virtual.moves import Delay, EnableMotors, StepperMove
 from output.ebb.virtual.packet import INVALID, Packet
-from output.ebb.virtual.registers import PHASE_MASK, Ramp, c_divide, int32
+from output.ebb.virtual.registers import ONE_STEP, PHASE_MASK, Ramp, c_divide, int32
 
 if TYPE_CHECKING:
     from output.ebb.virtual.board import Board
@@ -42,7 +42,8 @@ def _move(name: bytes, ramps: tuple[Ramp, Ramp], steps: tuple[int, int], clear: 
 
 
 def _segment(name: bytes, duration_ms: int, steps: tuple[int, int]) -> StepperMove:
-    first, second = (Ramp(integer_rate(abs(count), duration_ms), unsigned=True) for count in steps)
+    # A motor steps once a tick at most, whatever rate HM's whole milliseconds come to.
+    first, second = (Ramp(min(integer_rate(abs(count), duration_ms), ONE_STEP), unsigned=True) for count in steps)
     move = _move(name, (first, second), steps, (None, None))
     return StepperMove(
         move.command, move.ramps, move.clear, None, move.steps, move.signs, about_ticks=TICKS_PER_MS * duration_ms
