@@ -35,4 +35,6 @@ def board_setup(
         ),
         origin_mm=origin_mm,
         family=settings.commands,
+        # Away from home the motors hold, and the counters with them: else nobody would know where the pen is.
+        motors_off_at_end=settings.ends_at_home,
     )

@@ -39,6 +39,7 @@ def head(job: Job, file: str, reading: ReadOptions) -> dict[str, Any]:
         "drawing": job.digest,
         "program_version": version("plotter"),
         "strokes": job.stroke_count,
+        "start_mm": job.start_mm.tolist(),
         "settings": job.settings.model_dump(),
         "reading": asdict(reading),
     }
@@ -61,7 +62,8 @@ def made_again(state: PlotState) -> Job:
     reading = dict(state.head["reading"])
     options = ReadOptions(**{**reading, "budgets": Budgets(**reading["budgets"])})
     file = str(state.head["file"])
-    job = prepare(file, options, Settings.model_validate(state.head["settings"]))
+    start_mm = np.array(state.head.get("start_mm", HOME_MM), dtype=np.float64)
+    job = prepare(file, options, Settings.model_validate(state.head["settings"]), start_mm)
     changed = differences(state.head, head(job, file, options))
     if changed:
         raise BadInput(f"the interrupted plot cannot be resumed, because {changed[0]}; plot {file} anew")
@@ -110,8 +112,8 @@ def part_actions(job: Job, part: Part | None) -> Iterator[Action]:
     if part is None:
         return planned(job)
     layers, first = layers_left(job.layers, part)
-    end_mm = HOME_MM if job.settings.end == "home" else None
-    return _numbered_from(first, plan(layers, motion_settings(job.settings, job.machine), np.array(part.start_mm), end_mm))
+    settings = motion_settings(job.settings, job.machine)
+    return _numbered_from(first, plan(layers, settings, np.array(part.start_mm), job.settings.end_mm()))
 
 
 def part_after(setup: BoardSetup, before: Part | None, place: Place, homed: bool = False) -> Part:

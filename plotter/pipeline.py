@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from output.ebb.commands import Command
 from output.ebb.encode import BoardSetup, encode, epilogue, prologue
@@ -14,8 +16,10 @@ from planning.motion.plan import Action
 from planning.motion.planner import MotionSettings, check_bounds, plan
 from planning.motion.reinking import check_well
 from planning.ordering.arrange import OrderOptions, order_layers
+from planning.ordering.metric import travel_time
 from plotter.arrange import Arranged, arrange
 from plotter.board_setup import HOME_MM
+from plotter.errors import BadInput
 from plotter.machines.profile import Machine
 from plotter.settings import Settings
 from plotter.svg.drawing import Drawing
@@ -25,7 +29,7 @@ from plotter.svg.read import read_drawing, source_bytes
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Job:
-    """A drawing ready to be planned: its strokes in machine millimetres, in the order they are drawn."""
+    """A drawing ready to be planned: its strokes in machine millimetres, in the order they are drawn from `start_mm` (2,)."""
 
     name: str
     digest: str
@@ -34,6 +38,7 @@ class Job:
     layers: tuple[Layer, ...]
     settings: Settings
     machine: Machine
+    start_mm: np.ndarray = field(default_factory=lambda: HOME_MM)
 
     @property
     def stroke_count(self) -> int:
@@ -45,11 +50,16 @@ class Job:
         return (*self.drawing.warnings, *self.arranged.notes)
 
 
-def prepare(file: str, reading: ReadOptions, settings: Settings) -> Job:
+def prepare(file: str, reading: ReadOptions, settings: Settings, start_mm: np.ndarray | None = None) -> Job:
     """Read, arrange and order a drawing, and check that all of it lies on the machine.
 
+    `start_mm` (2,) is where the pen is, in machine millimetres; None is at home.
     Raises BadInput for a drawing that cannot be used, OutsideMachine for one that leaves the machine's travel.
     """
+    if start_mm is None:
+        if settings.start != "home":
+            raise BadInput("--start here: only a connected board knows where the pen is; leave it out, or use `plotter plot`")
+        start_mm = HOME_MM
     machine = settings.machine_profile()
     name, content = source_bytes(file, reading)
     drawing = read_drawing(content, reading)
@@ -69,8 +79,9 @@ def prepare(file: str, reading: ReadOptions, settings: Settings) -> Job:
         by=settings.group,
         seed=settings.seed,
     )
-    layers = order_layers(arranged.layers, options, HOME_MM)
-    return Job(name, hashlib.sha256(content).hexdigest(), drawing, arranged, layers, settings, machine)
+    metric = travel_time(machine.kinematics(), settings.travel_limits())
+    layers = order_layers(arranged.layers, options, start_mm, metric, settings.end_mm())
+    return Job(name, hashlib.sha256(content).hexdigest(), drawing, arranged, layers, settings, machine, start_mm)
 
 
 def motion_settings(settings: Settings, machine: Machine) -> MotionSettings:
@@ -87,9 +98,8 @@ def motion_settings(settings: Settings, machine: Machine) -> MotionSettings:
 
 
 def planned(job: Job) -> Iterator[Action]:
-    """The Plan, as it is being made. Starts at home."""
-    end_mm = HOME_MM if job.settings.end == "home" else None
-    return plan(job.layers, motion_settings(job.settings, job.machine), HOME_MM, end_mm)
+    """The Plan, as it is being made."""
+    return plan(job.layers, motion_settings(job.settings, job.machine), job.start_mm, job.settings.end_mm())
 
 
 def program(actions: Iterator[Action], setup: BoardSetup) -> Iterator[Command | Mark]:

@@ -86,7 +86,7 @@ class Settings(BaseModel):
     )
     dot_dwell: Delay = Field(0.05, description="How long the pen rests on a dot.")
 
-    order: Literal["none", "greedy", "best"] = Field("best", description="How strokes are put in order.")
+    order: Literal["none", "greedy", "best", "random"] = Field("best", description="How strokes are put in order.")
     order_time: Budget = Field(10.0, description="Time that `best` may take.")
     join: Annotated[Length, Field(ge=0, le=10)] = Field(0.1, description="Stroke ends closer than this become one stroke.")
     keep_duplicates: bool = Field(False, description="Draw lines that lie on each other as often as the file has them.")
@@ -106,7 +106,9 @@ class Settings(BaseModel):
     )
     well: str | None = Field(None, description="Where the pen is dipped to re-ink it: X,Y from home.")
     dip: Delay = Field(0.5, description="How long the pen stays down in the well.")
-    group: Literal["layer", "color"] = Field("layer", description="Keep the file's layers, or gather each colour into one.")
+    group: Literal["layer", "number", "color"] = Field(
+        "layer", description="Layers as in the file, by the number that their name begins with, or one for each colour."
+    )
     commands: Literal["auto", "t3", "lt", "lm", "sm", "xm"] = Field("auto", description="Board commands to use.")
     checksums: bool = Field(False, description="Have the board check every command it gets (firmware 3).")
     seed: int = Field(0, ge=0, description="Seed of the ordering's random choices.")
@@ -119,7 +121,12 @@ class Settings(BaseModel):
     margin: Annotated[Length, Field(ge=0, le=500)] = Field(10.0, description="Margin that --fit leaves.")
     offset_x: Annotated[Length, Field(ge=-5000, le=5000)] = Field(0.0, description="Move the drawing right.")
     offset_y: Annotated[Length, Field(ge=-5000, le=5000)] = Field(0.0, description="Move the drawing down.")
-    end: Literal["home", "stay"] = Field("home", description="Where the pen goes when all is drawn.")
+    start: Literal["home", "here"] = Field(
+        "home", description="Where the pen is: at home, or where the board counts it to be (its motors still on)."
+    )
+    end: Literal["home", "stay", "top-left", "top-right", "bottom-left", "bottom-right"] = Field(
+        "home", description="Where the pen goes when all is drawn; away from home the motors hold."
+    )
 
     @model_validator(mode="after")
     def _up_is_above_down(self) -> Settings:
@@ -180,6 +187,16 @@ class Settings(BaseModel):
 
     def machine_profile(self) -> Machine:
         return load_machine(self.machine)
+
+    @property
+    def ends_at_home(self) -> bool:
+        return self.end in ("home", "top-left")
+
+    def end_mm(self) -> np.ndarray | None:
+        """Where the pen goes when all is drawn (2,), in machine millimetres; None is nowhere."""
+        machine = self.machine_profile()
+        right, low = machine.width_mm * self.end.endswith("right"), machine.height_mm * self.end.startswith("bottom")
+        return None if self.end == "stay" else np.array([right, low])
 
     def draw_limits(self) -> Limits:
         return Limits(self.draw_speed, self.draw_acceleration, self.draw_jerk, self.tolerance)
