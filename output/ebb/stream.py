@@ -19,7 +19,7 @@ from typing import Protocol as Interface
 
 from output.ebb.abilities import Abilities
 from output.ebb.board_time import board_time_s
-from output.ebb.commands import S2, SP, TP, Command
+from output.ebb.commands import S2, SP, TP, Command, MotionCommand
 from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, complaint, suspended_s
 from output.ebb.flow import QueueModel
@@ -161,6 +161,7 @@ class Streamer:
         self._slept_s = suspended_s()
         self._approached = False
         self._low_lift: S2 | None = None  # the last pen move, when it was a low lift
+        self._last_motion = 0  # number of the last queued command that moves the motors
         self._oldest_since = 0.0
         self._oldest = 0
 
@@ -233,6 +234,9 @@ class Streamer:
             return False
         if not command.queued:
             return True
+        if isinstance(command, MotionCommand) and self._stands and not self._producer.has_s(LEAD_S):
+            # A motion that has begun must not run out in its middle, at speed, because planning is only just under way.
+            return False
         if command.fifo_entries > self.model.depth:
             raise BadCommand(
                 f"{command.wire()} takes {command.fifo_entries} places, but the motion queue has {self.model.depth}: it needs "
@@ -241,6 +245,11 @@ class Streamer:
         if self.model.room() < command.fifo_entries:
             return False
         return lead_s * self._speed < LEAD_S or self.model.sent - self.model.completed < 3
+
+    @property
+    def _stands(self) -> bool:
+        """Whether all that moves the motors has been executed, for all that the board has said."""
+        return self.model.completed >= self._last_motion
 
     def _knows_board(self) -> bool:
         """Whether the token has been seen since the last command went out; asks for it when not.
@@ -266,6 +275,7 @@ class Streamer:
             self._low_lift = command if isinstance(command, S2) else None
         if command.queued:
             sent.queued = self.model.on_sent(command.fifo_entries, sent.seconds)
+            self._last_motion = sent.queued if isinstance(command, MotionCommand) else self._last_motion
             self._unexecuted.append(sent)
             self._idle = False
             now = self._talk.clock()
