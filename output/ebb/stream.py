@@ -43,7 +43,7 @@ _SLEPT_S = 0.5
 # How much longer than predicted the oldest command may take before the board is said to be stuck.
 _STUCK_MARGIN_S = 5.0
 # These change the conversation itself or drop the board off the USB; a stream cannot contain them.
-_NOT_IN_A_STREAM = ("R", "RB", "BL", "CU,10", "CU,54", "CU,1", "SN", "ES")
+_NOT_IN_A_STREAM = ("R,", "RB,", "BL,", "CU,10,", "CU,54,", "CU,1,", "SN,", "ES,")
 
 FIFO_BIT, EXECUTING_BIT, PEN_UP_BIT, BUTTON_BIT, POWER_LOST_BIT = 0x01, 0x08, 0x10, 0x20, 0x40
 
@@ -263,7 +263,7 @@ class Streamer:
 
     def _send(self, command: Command) -> None:
         wire = command.wire()
-        if wire.split(",")[0] in _NOT_IN_A_STREAM or wire.startswith(tuple(f"{name}," for name in _NOT_IN_A_STREAM)):
+        if f"{wire},".startswith(_NOT_IN_A_STREAM):
             raise BadCommand(f"{wire} cannot be part of a stream, because it changes how the board answers: remove it")
         for extra in self._before_send(command):
             self._talk.send(extra)
