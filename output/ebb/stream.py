@@ -19,7 +19,7 @@ from typing import Protocol as Interface
 
 from output.ebb.abilities import Abilities
 from output.ebb.board_time import board_time_s
-from output.ebb.commands import S2, SP, TP, Command
+from output.ebb.commands import S2, SP, TP, Command, MotionCommand
 from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, complaint, suspended_s
 from output.ebb.flow import QueueModel
@@ -43,7 +43,7 @@ _SLEPT_S = 0.5
 # How much longer than predicted the oldest command may take before the board is said to be stuck.
 _STUCK_MARGIN_S = 5.0
 # These change the conversation itself or drop the board off the USB; a stream cannot contain them.
-_NOT_IN_A_STREAM = ("R", "RB", "BL", "CU,10", "CU,54", "CU,1", "SN", "ES")
+_NOT_IN_A_STREAM = ("R,", "RB,", "BL,", "CU,10,", "CU,54,", "CU,1,", "SN,", "ES,")
 
 FIFO_BIT, EXECUTING_BIT, PEN_UP_BIT, BUTTON_BIT, POWER_LOST_BIT = 0x01, 0x08, 0x10, 0x20, 0x40
 
@@ -163,6 +163,7 @@ class Streamer:
         self._pen_pin: int | None = None  # RB pin of the last SP; None is its default, 1
         self._low_lift: S2 | None = None  # the last pen move, when it was a low lift
         self._raised = False  # from there, for a pause
+        self._last_motion = 0  # number of the last queued command that moves the motors
         self._oldest_since = 0.0
         self._oldest = 0
 
@@ -235,6 +236,9 @@ class Streamer:
             return False
         if not command.queued:
             return True
+        if isinstance(command, MotionCommand) and self._stands and not self._producer.has_s(LEAD_S):
+            # A motion that has begun must not run out in its middle, at speed, because planning is only just under way.
+            return False
         if command.fifo_entries > self.model.depth:
             raise BadCommand(
                 f"{command.wire()} takes {command.fifo_entries} places, but the motion queue has {self.model.depth}: it needs "
@@ -243,6 +247,11 @@ class Streamer:
         if self.model.room() < command.fifo_entries:
             return False
         return lead_s * self._speed < LEAD_S or self.model.sent - self.model.completed < 3
+
+    @property
+    def _stands(self) -> bool:
+        """Whether all that moves the motors has been executed, for all that the board has said."""
+        return self.model.completed >= self._last_motion
 
     def _knows_board(self) -> bool:
         """Whether the token has been seen since the last command went out; asks for it when not.
@@ -256,7 +265,7 @@ class Streamer:
 
     def _send(self, command: Command) -> None:
         wire = command.wire()
-        if wire.split(",")[0] in _NOT_IN_A_STREAM or wire.startswith(tuple(f"{name}," for name in _NOT_IN_A_STREAM)):
+        if f"{wire},".startswith(_NOT_IN_A_STREAM):
             raise BadCommand(f"{wire} cannot be part of a stream, because it changes how the board answers: remove it")
         for extra in self._before_send(command):
             self._talk.send(extra)
@@ -272,6 +281,7 @@ class Streamer:
 
     def _enqueued(self, command: Command, sent: _Sent) -> None:
         sent.queued = self.model.on_sent(command.fifo_entries, sent.seconds)
+        self._last_motion = sent.queued if isinstance(command, MotionCommand) else self._last_motion
         self._unexecuted.append(sent)
         self._idle = False
         now = self._talk.clock()
