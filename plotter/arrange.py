@@ -78,9 +78,9 @@ def bounds_mm(layers: tuple[Layer, ...]) -> tuple[float, float, float, float] | 
     strokes = [stroke.points_mm for layer in layers for stroke in layer.strokes]
     if not strokes:
         return None
-    low = np.min([points.min(axis=0) for points in strokes], axis=0)
-    high = np.max([points.max(axis=0) for points in strokes], axis=0)
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    points = np.concatenate(strokes)
+    (left, top), (right, bottom) = points.min(axis=0), points.max(axis=0)
+    return float(left), float(top), float(right), float(bottom)
 
 
 def _placed(stroke: Stroke, placement: Placement) -> Stroke:

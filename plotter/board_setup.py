@@ -28,11 +28,13 @@ def board_setup(
             lift.down_pulse,
             lift.rate_up,
             lift.rate_down,
-            pin=None if lift.pin == 1 else lift.pin,
+            pin=lift.other_pin,
             low=lift.pulse(settings.low_percent),
             channels=lift.channels,
             solenoid=lift.output == "solenoid",
         ),
         origin_mm=origin_mm,
         family=settings.commands,
+        # Away from home the motors hold, and the counters with them: else nobody would know where the pen is.
+        motors_off_at_end=settings.ends_at_home,
     )

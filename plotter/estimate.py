@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from output.ebb.estimate import Estimate, Times
-from planning.motion.plan import Action, Draw, LayerStart, Lift, Motion, Travel
+from planning.motion.plan import Action, Dip, Draw, LayerStart, Lift, Motion, Travel
 
 # Speed is the root of a quartic in time: five points integrate its length to well under a micrometre a piece.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
@@ -59,7 +59,7 @@ class PlanTally:
                     self._see(motion)
                 case Travel(motion=motion):
                     self._count(pen_up_mm=length_mm(motion))
-                case Lift():
+                case Lift() | Dip():
                     self._count(pen_lifts=1)
             yield action
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,9 @@ from output.ebb.resume import Place
 from planning.geometry.remainder import OVERLAP_MM, remainder
 from planning.geometry.stroke import Layer
 from planning.motion.plan import Action, Draw, Lower
-from planning.motion.planner import plan
 from plotter.board_setup import HOME_MM
 from plotter.errors import BadInput
-from plotter.pipeline import Job, motion_settings, planned, prepare
+from plotter.pipeline import Job, planned, planned_from, prepare
 from plotter.settings import Settings
 from plotter.svg.options import Budgets, ReadOptions
 
@@ -38,7 +38,8 @@ def head(job: Job, file: str, reading: ReadOptions) -> dict[str, Any]:
         "file": str(Path(file).resolve()) if file != "-" else "-",
         "drawing": job.digest,
         "program_version": version("plotter"),
-        "strokes": job.stroke_count,
+        "strokes": job.drawing.stroke_count,
+        "start_mm": job.start_mm.tolist(),
         "settings": job.settings.model_dump(),
         "reading": asdict(reading),
     }
@@ -61,7 +62,8 @@ def made_again(state: PlotState) -> Job:
     reading = dict(state.head["reading"])
     options = ReadOptions(**{**reading, "budgets": Budgets(**reading["budgets"])})
     file = str(state.head["file"])
-    job = prepare(file, options, Settings.model_validate(state.head["settings"]))
+    start_mm = np.array(state.head.get("start_mm", HOME_MM), dtype=np.float64)
+    job = prepare(file, options, Settings.model_validate(state.head["settings"]), start_mm)
     changed = differences(state.head, head(job, file, options))
     if changed:
         raise BadInput(f"the interrupted plot cannot be resumed, because {changed[0]}; plot {file} anew")
@@ -109,9 +111,13 @@ def part_actions(job: Job, part: Part | None) -> Iterator[Action]:
     """The Plan of a part. Strokes keep the numbers that they have in the whole plot."""
     if part is None:
         return planned(job)
-    layers, first = layers_left(job.layers, part)
-    end_mm = HOME_MM if job.settings.end == "home" else None
-    return _numbered_from(first, plan(layers, motion_settings(job.settings, job.machine), np.array(part.start_mm), end_mm))
+    return _rest(job, part)
+
+
+def _rest(job: Job, part: Part) -> Iterator[Action]:
+    """Nothing is looked for before the first action is asked for: the order may still be being found."""
+    pieces, first = layers_left(job.ordering, part)
+    yield from _numbered_from(first, planned_from(job, pieces, np.array(part.start_mm)))
 
 
 def part_after(setup: BoardSetup, before: Part | None, place: Place, homed: bool = False) -> Part:
@@ -133,22 +139,27 @@ def position_mm(setup: BoardSetup, steps: tuple[int, int]) -> tuple[float, float
     return float(x), float(y)
 
 
-def layers_left(layers: tuple[Layer, ...], part: Part) -> tuple[tuple[Layer, ...], int]:
-    """The layers without what is drawn, and the number of their first stroke in the whole plot."""
-    left: list[Layer] = []
-    before, first = 0, part.stroke
-    for layer in layers:
+def layers_left(layers: Iterable[Layer], part: Part) -> tuple[Iterator[Layer], int]:
+    """The layers, or pieces of them, without what is drawn, and the number of their first stroke in the whole plot.
+
+    Looks no further than to the part's first stroke; what comes after it is passed on as it comes.
+    """
+    rest = iter(layers)
+    before = 0
+    for layer in rest:
         count = len(layer.strokes)
-        strokes = list(layer.strokes[max(0, part.stroke - before) :])
-        begun = before < part.stroke
-        if part.drawn_mm > 0 and before <= part.stroke < before + count:
-            rest = remainder(strokes[0], part.drawn_mm, np.array(part.left_mm))
-            strokes[:1] = [] if rest is None else [rest]
-            first, begun = part.stroke + (rest is None), True
-        if strokes:
-            left.append(replace(layer, strokes=tuple(strokes), pause_before=layer.pause_before and not begun))
-        before += count
-    return tuple(left), first
+        if part.stroke >= before + count:
+            before += count
+            continue
+        strokes = list(layer.strokes[part.stroke - before :])
+        first, begun = part.stroke, before < part.stroke
+        if part.drawn_mm > 0:
+            left = remainder(strokes[0], part.drawn_mm, np.array(part.left_mm))
+            strokes[:1] = [] if left is None else [left]
+            first, begun = part.stroke + (left is None), True
+        here = replace(layer, strokes=tuple(strokes), pause_before=layer.pause_before and not begun)
+        return chain([here] if strokes else [], rest), first
+    return iter(()), part.stroke
 
 
 def _numbered_from(first: int, actions: Iterator[Action]) -> Iterator[Action]:

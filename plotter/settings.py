@@ -5,6 +5,7 @@ A value is taken from the flag, else from the settings file, else from what the 
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
@@ -12,16 +13,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import platformdirs
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from output.ebb.firmware import firmware
 from output.errors import BadCommand
 from planning.motion.clearance import PenTiming
 from planning.motion.limits import Limits
+from planning.motion.reinking import Reinking
 from plotter import units
 from plotter.errors import BadInput
-from plotter.machines.profile import Machine, PenLift, first_fault, load_machine, load_pen_lift, load_quality
+from plotter.machines.profile import Machine, PenLift, first_fault, load_machine, load_pen_lift, load_quality, machine_key
 
 
 def _written(parse: Callable[[str], float]) -> BeforeValidator:
@@ -35,6 +47,9 @@ Jerk = Annotated[float, _written(units.jerk_mm_s3), Field(gt=0, le=100_000_000, 
 Delay = Annotated[float, _written(units.time_s), Field(ge=0, le=60, allow_inf_nan=False)]
 Percent = Annotated[float, _written(units.percent), Field(ge=0, le=100, allow_inf_nan=False)]
 Budget = Annotated[float, _written(units.time_s), Field(ge=0, le=3600, allow_inf_nan=False)]
+
+# The longest that may be said between two re-inkings, in millimetres or seconds.
+LONGEST_REINK = 1_000_000.0
 
 
 class Settings(BaseModel):
@@ -71,7 +86,7 @@ class Settings(BaseModel):
     )
     dot_dwell: Delay = Field(0.05, description="How long the pen rests on a dot.")
 
-    order: Literal["none", "greedy", "best"] = Field("best", description="How strokes are put in order.")
+    order: Literal["none", "greedy", "best", "random"] = Field("best", description="How strokes are put in order.")
     order_time: Budget = Field(10.0, description="Time that `best` may take.")
     join: Annotated[Length, Field(ge=0, le=10)] = Field(0.1, description="Stroke ends closer than this become one stroke.")
     keep_duplicates: bool = Field(False, description="Draw lines that lie on each other as often as the file has them.")
@@ -85,7 +100,15 @@ class Settings(BaseModel):
         False, description="Draw every other stroke on the way out, the rest on the way back, to let ink dry."
     )
     max_stroke: Annotated[Length, Field(gt=0)] | None = Field(None, description="Cut strokes longer than this.")
-    group: Literal["layer", "color"] = Field("layer", description="Keep the file's layers, or gather each colour into one.")
+    reink_every: str | None = Field(
+        None,
+        description="Re-ink the pen after so much ink (2m) or time (5min): in the well, or in a pause without one.",
+    )
+    well: str | None = Field(None, description="Where the pen is dipped to re-ink it: X,Y from home.")
+    dip: Delay = Field(0.5, description="How long the pen stays down in the well.")
+    group: Literal["layer", "number", "color"] = Field(
+        "layer", description="Layers as in the file, by the number that their name begins with, or one for each colour."
+    )
     commands: Literal["auto", "t3", "lt", "lm", "sm", "xm"] = Field("auto", description="Board commands to use.")
     checksums: bool = Field(False, description="Have the board check every command it gets (firmware 3).")
     seed: int = Field(0, ge=0, description="Seed of the ordering's random choices.")
@@ -98,7 +121,12 @@ class Settings(BaseModel):
     margin: Annotated[Length, Field(ge=0, le=500)] = Field(10.0, description="Margin that --fit leaves.")
     offset_x: Annotated[Length, Field(ge=-5000, le=5000)] = Field(0.0, description="Move the drawing right.")
     offset_y: Annotated[Length, Field(ge=-5000, le=5000)] = Field(0.0, description="Move the drawing down.")
-    end: Literal["home", "stay"] = Field("home", description="Where the pen goes when all is drawn.")
+    start: Literal["home", "here"] = Field(
+        "home", description="Where the pen is: at home, or where the board counts it to be (its motors still on)."
+    )
+    end: Literal["home", "stay", "top-left", "top-right", "bottom-left", "bottom-right"] = Field(
+        "home", description="Where the pen goes when all is drawn; away from home the motors hold."
+    )
 
     @model_validator(mode="after")
     def _up_is_above_down(self) -> Settings:
@@ -109,6 +137,11 @@ class Settings(BaseModel):
             raise ValueError(f"pen_low ({self.pen_low:g} %) must lie {bounds}")
         return self
 
+    @field_validator("machine")
+    @classmethod
+    def _machine_is_found_again(cls, name: str) -> str:
+        return machine_key(name)
+
     @field_validator("firmware")
     @classmethod
     def _firmware_is_known(cls, version: str) -> str:
@@ -117,8 +150,53 @@ class Settings(BaseModel):
         except BadCommand as error:
             raise ValueError(str(error)) from None
 
+    @field_validator("reink_every", "well")
+    @classmethod
+    def _can_be_read(cls, value: str | None, field: ValidationInfo) -> str | None:
+        if value is not None and field.field_name == "well":
+            units.point_mm(value)
+        elif value is not None and not 0 < sum(amount or 0.0 for amount in units.amount(value)) <= LONGEST_REINK:
+            raise ValueError(f"it must be more than nothing and at most {LONGEST_REINK / 1000:g} m or {LONGEST_REINK:g} s")
+        return value
+
+    @model_validator(mode="after")
+    def _a_well_has_its_times(self) -> Settings:
+        if self.well is not None and self.reink_every is None:
+            raise ValueError(f"well ({self.well}) needs reink_every, to say how often the pen goes there")
+        return self
+
+    def reinking(self) -> Reinking | None:
+        """When the pen is re-inked and where; None is never."""
+        if self.reink_every is None:
+            return None
+        every_mm, every_s = units.amount(self.reink_every)
+        well_mm = None if self.well is None else np.array(units.point_mm(self.well))
+        return Reinking(every_mm or math.inf, every_s or math.inf, well_mm, self.dip)
+
+    @property
+    def longest_stroke_mm(self) -> float | None:
+        """Longer strokes are cut: by hand, or so that the pen is re-inked in time. None: none is cut.
+
+        What is drawn in a time is known only when it is planned; at full speed a piece takes half of it at most.
+        """
+        longest = [] if self.max_stroke is None else [self.max_stroke]
+        if self.reink_every is not None:
+            every_mm, every_s = units.amount(self.reink_every)
+            longest.append(every_mm or (every_s or math.inf) * self.draw_speed / 2)
+        return min(longest, default=None)
+
     def machine_profile(self) -> Machine:
         return load_machine(self.machine)
+
+    @property
+    def ends_at_home(self) -> bool:
+        return self.end in ("home", "top-left")
+
+    def end_mm(self) -> np.ndarray | None:
+        """Where the pen goes when all is drawn (2,), in machine millimetres; None is nowhere."""
+        machine = self.machine_profile()
+        right, low = machine.width_mm * self.end.endswith("right"), machine.height_mm * self.end.startswith("bottom")
+        return None if self.end == "stay" else np.array([right, low])
 
     def draw_limits(self) -> Limits:
         return Limits(self.draw_speed, self.draw_acceleration, self.draw_jerk, self.tolerance)

@@ -59,6 +59,25 @@ def percent(text: str) -> float:
     return parse_quantity(text, {"%": 1.0}, "%")
 
 
+def amount(text: str) -> tuple[float | None, float | None]:
+    """`2m` as (millimetres, None), `5min` as (None, seconds). A unit is needed: `5` could be either."""
+    match = _QUANTITY.match(text)
+    unit = match.group(2).lower() if match else ""
+    if unit in MM_PER:
+        return length_mm(text), None
+    if unit in SECONDS_PER:
+        return None, time_s(text)
+    raise ValueError(f"'{text}' is neither a length, like 2m, nor a time, like 5min")
+
+
+def point_mm(text: str) -> tuple[float, float]:
+    """`200mm,15mm` as x and y in millimetres."""
+    words = text.split(",")
+    if len(words) != 2:
+        raise ValueError(f"'{text}' is not two lengths with a comma between them, like 200mm,15mm")
+    return length_mm(words[0]), length_mm(words[1])
+
+
 def spoken_duration(seconds: float) -> str:
     """A duration as a person says it: `8.4 s`, `3 min 05 s`, `1 h 02 min`."""
     if seconds < 60:

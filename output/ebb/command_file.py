@@ -27,7 +27,7 @@ from typing import IO, NamedTuple, TextIO
 
 from output.ebb.commands import CU, Command
 from output.ebb.commands_text import parse_as_sent, parse_command, without_checksum
-from output.ebb.program import ApproachMark, LayerMark, Mark, Note, PauseMark, StrokeEnd, StrokeMark
+from output.ebb.program import ApproachMark, DipMark, LayerMark, Mark, Note, PauseMark, StrokeEnd, StrokeMark
 from output.errors import BadCommand
 
 TITLE = "plotter command file"
@@ -38,6 +38,7 @@ _STROKE = re.compile(r"#\s*stroke (-?\d+)$")
 _END = re.compile(r"#\s*end (-?\d+) steps (-?\d+) (-?\d+)$")
 _PAUSE = re.compile(r"#\s*pause(?: (.*))?$")
 _NOTE = re.compile(r"#\s*note (.+)$")
+_WORDS: dict[str, Mark] = {"# approach": ApproachMark(), "# dip": DipMark()}
 _LONGEST_LINE = 4096
 
 
@@ -71,6 +72,8 @@ def mark_line(mark: Mark) -> str:
             return f"# layer {number} {_one_line(name)}".rstrip()
         case ApproachMark():
             return "# approach"
+        case DipMark():
+            return "# dip"
         case StrokeMark(index=index):
             return f"# stroke {index}"
         case StrokeEnd(index=index, steps=steps):
@@ -130,8 +133,8 @@ def _parsed(lines: Iterable[tuple[int, str]], problems: list[str] | None) -> Ite
 
 
 def _mark(text: str) -> Mark | None:
-    if text.strip() == "# approach":
-        return ApproachMark()
+    if text in _WORDS:
+        return _WORDS[text]
     if match := _STROKE.match(text):
         return StrokeMark(int(match[1]))
     if match := _END.match(text):

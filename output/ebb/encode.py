@@ -24,10 +24,13 @@ from output.ebb.commands import EM, LT, S2, SC, SM, SP, SR, Command
 from output.ebb.encode_families import Family, Sizing
 from output.ebb.encode_pieces import PRIMED, borders_of
 from output.ebb.firmware import Firmware
-from output.ebb.program import ApproachMark, LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
+from output.ebb.program import ApproachMark, DipMark, LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
 from output.errors import BadCommand
 from planning.motion.limits import Kinematics
-from planning.motion.plan import Action, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
+from planning.motion.plan import Action, Dip, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
+
+# Servo outputs that share a period of 24 ms after a reset.
+ALL_CHANNELS = 8
 
 FamilyName = Literal["auto", "t3", "lt", "lm", "sm", "xm"]
 
@@ -48,7 +51,7 @@ class PenCommands:
     servo_timeout_ms: int = 60_000
     first_lift_s: float = 0.5
     low: int | None = None
-    channels: int = 8
+    channels: int = ALL_CHANNELS
     solenoid: bool = False
 
     @property
@@ -76,11 +79,18 @@ class BoardSetup:
 
 
 def pen_heights(pen: PenCommands, firmware: Firmware) -> Iterator[Command]:
-    """The pen's heights and speeds, which the board is told before it moves the pen."""
-    if pen.solenoid:
-        yield SC(1, 0)
-    if pen.channels != 8:
+    """The pen's output, heights and speeds, which the board is told before it moves the pen.
+
+    Raises BadCommand for a pen lift that the firmware cannot drive.
+    """
+    # Said in any case: a board that was another pen lift's before may not have been switched off since.
+    yield SC(1, 0 if pen.solenoid else 2)
+    if firmware.has(S2(pen.up, pen.rp_pin)):
         yield SC(8, pen.channels)
+    elif pen.channels != ALL_CHANNELS:
+        raise BadCommand(
+            f"firmware {firmware.name} cannot send this pen lift's pulses often enough (SC,8 needs 2.2.0): update the board"
+        )
     yield SC(4, pen.up)
     yield SC(5, pen.down)
     if firmware.version >= (1, 9, 2):
@@ -167,6 +177,11 @@ class Encoder:
                 yield self.low(wait_s) if height == "low" else self.pen(1, wait_s)
             case Dwell(duration_s=duration_s):
                 yield from self.wait(duration_s)
+            case Dip(lower_s=lower_s, dwell_s=dwell_s, lift_s=lift_s):
+                yield DipMark()
+                yield self.pen(0, lower_s)
+                yield from self.wait(dwell_s)
+                yield self.pen(1, lift_s)
             case LayerStart(number=number, name=name):
                 yield LayerMark(number, name)
             case OperatorPause(message=message):

@@ -46,8 +46,6 @@ _HELD_BACK = 1 / 32
 _SETTLING = 250
 # Pieces that are worked on at a time: arrays are quick, but Python's integers take room.
 _WINDOW = 1 << 15
-# An end of a motion that is slower than this is at rest: arithmetic leaves 1e-9.
-STILL_MM_S = 1e-3
 # Rates below this (2^-31 steps per tick) are standing still: 1e-5 steps per second.
 STILL_RATE = 1.0
 

@@ -10,6 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 
+from output.ebb.board_time import board_time_s
 from output.ebb.commands import Command
 from output.ebb.program import Mark
 
@@ -49,6 +50,17 @@ class Producer:
             self._items.popleft()
             if len(self._items) == self._capacity // 2:
                 self._changed.notify()
+
+    def has_s(self, seconds: float) -> bool:
+        """Whether so much board time waits to be taken; also when more than that will not come, or not before some is taken."""
+        with self._changed:
+            if self._ended or len(self._items) > self._capacity // 2:
+                return True
+            for item in self._items:
+                seconds -= board_time_s(item) if isinstance(item, Command) else 0.0
+                if seconds <= 0:
+                    return True
+            return False
 
     @property
     def exhausted(self) -> bool:

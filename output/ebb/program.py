@@ -25,6 +25,11 @@ class ApproachMark:
 
 
 @dataclass(frozen=True, slots=True)
+class DipMark:
+    """The pen is up over a well; what follows, until it is raised again, is no ink on the paper."""
+
+
+@dataclass(frozen=True, slots=True)
 class StrokeMark:
     """The commands that follow lower the pen for, and draw, stroke `index` of the plan, until `StrokeEnd`."""
 
@@ -53,5 +58,5 @@ class Note:
     text: str
 
 
-Mark = LayerMark | ApproachMark | StrokeMark | StrokeEnd | PauseMark | Note
+Mark = LayerMark | ApproachMark | DipMark | StrokeMark | StrokeEnd | PauseMark | Note
 Program = Iterable[Command | Mark]

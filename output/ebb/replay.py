@@ -28,7 +28,7 @@ from output.ebb.arithmetic import (
 from output.ebb.command_file import Line
 from output.ebb.commands import CS, CU, EM, LT, S2, SC, SM, SP, T3, TD, TP, XM, Command, MotionCommand, R
 from output.ebb.firmware import Firmware
-from output.ebb.program import LayerMark, Mark, Note, PauseMark, StrokeMark
+from output.ebb.program import DipMark, LayerMark, Mark, Note, PauseMark, StrokeMark
 
 Ints = NDArray[np.int64]
 
@@ -102,6 +102,7 @@ class Replay:
     _channels: int = 8
     _pen_rp: int = _PEN_PIN
     _falling: int | None = None
+    _dipping: bool = False
     _tag: tuple[bool, int, int] = (False, 0, -1)
     _line: int = 0
     _rows: list[_Row] = field(default_factory=list)
@@ -169,6 +170,8 @@ class Replay:
                 self._tag = (down, layer, index)
             case PauseMark():
                 self.pauses += 1
+            case DipMark():
+                self._dipping = True
             case Note(text=text):
                 self.notes.append(text)
 
@@ -234,7 +237,10 @@ class Replay:
             case SP():
                 if command.pin is not None:
                     self._pen_rp = command.pin + 3
-                if command.value == 0 and in_motion and not self.pen_down:
+                if self._dipping:
+                    self._dipping = command.value == 0
+                    self.pen_lifts += not self._dipping
+                elif command.value == 0 and in_motion and not self.pen_down:
                     periods = abs(self._servo[1] - self._servo[0]) / 2 / max(self._rate_down, 1)
                     self._falling = int(periods * self._channels * _SLOT_MS * TICKS_PER_MS)
                 else:

@@ -17,7 +17,7 @@ from math import hypot
 
 from output.ebb import arithmetic, arithmetic_old
 from output.ebb.arithmetic import NeverEnds, State, StepRateRefused
-from output.ebb.commands import CS, EM, SP, TP, Command, MotionCommand
+from output.ebb.commands import CS, EM, S2, SP, TP, Command, MotionCommand
 from output.ebb.firmware import Firmware
 from output.ebb.journal import PlotState
 from output.ebb.program import Program, StrokeEnd, StrokeMark
@@ -144,6 +144,8 @@ def _pieces(program: Program, firmware: Firmware, start: Steps, first: int) -> I
             down = item.value == 0
         elif isinstance(item, TP):
             down = not down
+        elif isinstance(item, S2):
+            down = False  # a low lift
         elif isinstance(item, MotionCommand):
             try:
                 state = execute(item, state).state

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from types import TracebackType
 
 from output.ebb.abilities import Abilities
-from output.ebb.commands import Command
+from output.ebb.commands import SP, Command
 from output.ebb.control import StopFlag, signals_stop
 from output.ebb.conversation import REPLY_TIMEOUT_S, Clock, Conversation
 from output.ebb.handshake import greet
@@ -64,11 +64,13 @@ def connect(
     clear: bool = True,
     board_speed: float = 1.0,
     checksums: bool = False,
+    pen_pin: int | None = None,
 ) -> Board:
     """Opens the port for ourselves and finds an EiBotBoard there, whatever state it was left in.
 
     `clear` also stops what is still moving from before and raises the pen: a new connection starts empty. `board_speed` is a
-    virtual board's time scale. `checksums` has the board check every command (firmware 3).
+    virtual board's time scale. `checksums` has the board check every command (firmware 3). `pen_pin` is the RB pin of the pen's
+    servo (None: RB1), which a stop must raise; a program's own SP commands are heeded as well.
     Raises LinkLost for a port that is missing or goes away; BoardRefused for one that is denied, in use, or no EiBotBoard.
     """
     link: Port = SerialPort(port) if isinstance(port, str) else port
@@ -82,7 +84,7 @@ def connect(
                 )
             talk.ask("CU,54,1")
             talk.port = link = ChecksummedPort(link)
-        board = Board(talk, abilities, board_speed)
+        board = Board(talk, abilities, board_speed, pen_pin)
         if clear:
             board.clear()
         return board
@@ -94,12 +96,13 @@ def connect(
 class Board:
     """A connected EiBotBoard. `firmware` is its version, as "3.0.3"."""
 
-    def __init__(self, talk: Conversation, abilities: Abilities, board_speed: float = 1.0) -> None:
+    def __init__(self, talk: Conversation, abilities: Abilities, board_speed: float = 1.0, pen_pin: int | None = None) -> None:
         self._talk = talk
         self.abilities = abilities
         self._board_speed = board_speed
         self._pen_down_wire: str | None = None
         self._pen_down_lost = False
+        self._pen_pin = pen_pin
         self._depth: int | None = None
         self._job_token: int | None = None
         self.last_stop: StopReport | None = None
@@ -159,7 +162,7 @@ class Board:
     def clear(self) -> None:
         """Ends what moves and raises the pen to the height that is set, without taking the pen-down height away."""
         self._talk.ask("ES")
-        self._talk.ask("SP,2" if self.abilities.pen_now else "SP,1")
+        self._talk.ask(self._raising(2))
 
     def queue_depth(self) -> int:
         """How many commands wait on the board: all it can hold on firmware 3 (set here, once), 1 before."""
@@ -314,12 +317,18 @@ class Board:
         The pen-down height is gone afterwards on firmware 3.0.1 and later; it is sent again before the next pen-down.
         """
         self._pen_down_lost = self.abilities.pen_now
-        self.last_stop = safe_stop(self._talk, self.abilities, free_motors=free_motors)
+        self.last_stop = safe_stop(self._talk, self.abilities, free_motors=free_motors, raise_pen=(self._raising(3),))
         return self.last_stop
+
+    def _raising(self, value: int) -> str:
+        """SP,2 or SP,3, or SP,1 where the firmware has neither, on the pen's own pin."""
+        return SP(value if self.abilities.pen_now else 1, None if self._pen_pin is None else 0, self._pen_pin).wire()
 
     def _before_send(self, command: Command) -> list[str]:
         """What a command needs said before it: the pen-down height, when a safe stop has taken it away."""
         wire = command.wire()
+        if isinstance(command, SP):
+            self._pen_pin = command.pin
         if wire.startswith("SC,5,"):
             self._pen_down_wire, self._pen_down_lost = wire, False
         elif self._pen_down_lost and (wire == "SP,0" or wire.startswith(("TP", "SP,0,"))):

@@ -19,12 +19,12 @@ from typing import Protocol as Interface
 
 from output.ebb.abilities import Abilities
 from output.ebb.board_time import board_time_s
-from output.ebb.commands import S2, SP, TP, Command
+from output.ebb.commands import S2, SP, TP, Command, MotionCommand
 from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, complaint, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.producer import Item, Producer
-from output.ebb.program import ApproachMark, LayerMark, Mark, PauseMark, Program, StrokeEnd, StrokeMark
+from output.ebb.program import ApproachMark, DipMark, LayerMark, Mark, PauseMark, Program, StrokeEnd, StrokeMark
 from output.ebb.protocol import Event, Reply
 from output.errors import BadCommand, BoardRefused
 
@@ -43,7 +43,7 @@ _SLEPT_S = 0.5
 # How much longer than predicted the oldest command may take before the board is said to be stuck.
 _STUCK_MARGIN_S = 5.0
 # These change the conversation itself or drop the board off the USB; a stream cannot contain them.
-_NOT_IN_A_STREAM = ("R", "RB", "BL", "CU,10", "CU,54", "CU,1", "SN", "ES")
+_NOT_IN_A_STREAM = ("R,", "RB,", "BL,", "CU,10,", "CU,54,", "CU,1,", "SN,", "ES,")
 
 FIFO_BIT, EXECUTING_BIT, PEN_UP_BIT, BUTTON_BIT, POWER_LOST_BIT = 0x01, 0x08, 0x10, 0x20, 0x40
 
@@ -160,7 +160,10 @@ class Streamer:
         self._hold_tried_at = -1
         self._slept_s = suspended_s()
         self._approached = False
+        self._pen_pin: int | None = None  # RB pin of the last SP; None is its default, 1
         self._low_lift: S2 | None = None  # the last pen move, when it was a low lift
+        self._raised = False  # from there, for a pause
+        self._last_motion = 0  # number of the last queued command that moves the motors
         self._oldest_since = 0.0
         self._oldest = 0
 
@@ -213,7 +216,7 @@ class Streamer:
     def _may_hold(self, mark: Mark) -> bool:
         """Before a stroke, with the pen up: at its approach where the pen is lowered on the way, else at its own mark."""
         approached, self._approached = self._approached, isinstance(mark, ApproachMark)
-        return self._approached or (isinstance(mark, StrokeMark) and not approached)
+        return self._approached or isinstance(mark, DipMark) or (isinstance(mark, StrokeMark) and not approached)
 
     def _may_send(self, command: Command) -> bool:
         lead_s = self.model.lead_s(self._talk.clock())
@@ -233,6 +236,9 @@ class Streamer:
             return False
         if not command.queued:
             return True
+        if isinstance(command, MotionCommand) and self._stands and not self._producer.has_s(LEAD_S):
+            # A motion that has begun must not run out in its middle, at speed, because planning is only just under way.
+            return False
         if command.fifo_entries > self.model.depth:
             raise BadCommand(
                 f"{command.wire()} takes {command.fifo_entries} places, but the motion queue has {self.model.depth}: it needs "
@@ -241,6 +247,11 @@ class Streamer:
         if self.model.room() < command.fifo_entries:
             return False
         return lead_s * self._speed < LEAD_S or self.model.sent - self.model.completed < 3
+
+    @property
+    def _stands(self) -> bool:
+        """Whether all that moves the motors has been executed, for all that the board has said."""
+        return self.model.completed >= self._last_motion
 
     def _knows_board(self) -> bool:
         """Whether the token has been seen since the last command went out; asks for it when not.
@@ -254,7 +265,7 @@ class Streamer:
 
     def _send(self, command: Command) -> None:
         wire = command.wire()
-        if wire.split(",")[0] in _NOT_IN_A_STREAM or wire.startswith(tuple(f"{name}," for name in _NOT_IN_A_STREAM)):
+        if f"{wire},".startswith(_NOT_IN_A_STREAM):
             raise BadCommand(f"{wire} cannot be part of a stream, because it changes how the board answers: remove it")
         for extra in self._before_send(command):
             self._talk.send(extra)
@@ -262,16 +273,34 @@ class Streamer:
             self._journal.sent(self.progress.commands_sent + 1)
         number = self._talk.send(wire)
         sent = _Sent(0, self.progress.commands_sent, board_time_s(command))
-        if isinstance(command, SP | TP | S2):
-            self._low_lift = command if isinstance(command, S2) else None
+        self._note_height(command)
         if command.queued:
-            sent.queued = self.model.on_sent(command.fifo_entries, sent.seconds)
-            self._unexecuted.append(sent)
-            self._idle = False
-            now = self._talk.clock()
-            self._next_poll_at = min(self._next_poll_at, now + self._poll_interval_s(now))
+            self._enqueued(command, sent)
         self._in_flight[number] = sent
         self._set(commands_sent=self.progress.commands_sent + 1)
+
+    def _enqueued(self, command: Command, sent: _Sent) -> None:
+        sent.queued = self.model.on_sent(command.fifo_entries, sent.seconds)
+        self._last_motion = sent.queued if isinstance(command, MotionCommand) else self._last_motion
+        self._unexecuted.append(sent)
+        self._idle = False
+        now = self._talk.clock()
+        self._next_poll_at = min(self._next_poll_at, now + self._poll_interval_s(now))
+
+    def _send_beside(self, command: Command) -> None:
+        """A queued command that is none of the program's: the queue is told of it, the count of the program's is not."""
+        sent = _Sent(0, self.progress.commands_sent - 1, board_time_s(command))
+        self._in_flight[self._talk.send(command.wire())] = sent
+        self._enqueued(command, sent)
+
+    def _note_height(self, command: Command) -> None:
+        """Whether the pen is on a low lift: by S2, on the pin that SP lowers it on."""
+        if isinstance(command, SP):
+            self._pen_pin = command.pin
+        if isinstance(command, SP | TP):
+            self._low_lift = None
+        elif isinstance(command, S2) and command.pin == 3 + (1 if self._pen_pin is None else self._pen_pin):
+            self._low_lift = command
 
     # asking how far the board is
 
@@ -423,18 +452,22 @@ class Streamer:
             self._hold_on_path()
         elif state is State.HOLDING and self.model.is_empty and self._idle and not self._in_flight:
             self.model.expect_idle()
+            if self._low_lift is not None and not self._raised:
+                # Nobody should have to reach under a pen that hangs low; the queue is empty, so that this is at once.
+                self._send_beside(SP(1, None if self._pen_pin is None else 0, self._pen_pin))
+                self._raised = True
+                return
             self._apply_marks()
             self._set(state=State.PAUSED)
-            if self._low_lift is not None and self._abilities.pen_now:
-                self._talk.send("SP,2")
             self._report(always=True)
         elif state is State.PAUSED and self._stop.leave_asked:
             self._stop.leave_asked, self.left = False, True
         elif state is State.PAUSED and self._stop.pause_reason is None:
             self._set(state=State.RUNNING, message="")
-            if self._low_lift is not None and self._abilities.pen_now:
+            if self._low_lift is not None and self._raised:
                 # The plan goes on from the low height.
-                self._talk.send(self._low_lift.wire())
+                self._send_beside(self._low_lift)
+                self._raised = False
             self._report(always=True)
 
     def _hold_on_path(self) -> None:

@@ -116,13 +116,15 @@ class PenTiming:
         """The whole way from the paper to `height`."""
         if self.clearance is None:
             return self.lift_s
-        return max(self.lift_s - (1.0 - self.clearance.top(height)) * self.clearance.rise_s, 0.0)
+        least = min(self.clearance.lifted_s(height), self.lift_s)
+        return max(self.lift_s - (1.0 - self.clearance.top(height)) * self.clearance.rise_s, least)
 
     def lower_wait_s(self, height: PenHeight) -> float:
         """From the command to lower, from `height`, until the stroke begins."""
         if self.clearance is None:
             return self.lower_s
-        whole = max(self.lower_s - (1.0 - self.clearance.top(height)) * self.clearance.fall_s, 0.0)
+        least = min(self.clearance.down_s(height), self.lower_s)
+        whole = max(self.lower_s - (1.0 - self.clearance.top(height)) * self.clearance.fall_s, least)
         return whole - self.overlap * max(whole - self.clearance.down_s(height), 0.0)
 
     def lead_s(self, since_lift_s: float, height: PenHeight) -> float:

@@ -199,7 +199,31 @@ class Dwell:
     duration_s: float
 
 
-Action = LayerStart | OperatorPause | Travel | Lift | Lower | Draw | Dwell
+@dataclass(frozen=True, slots=True)
+class Dip:
+    """Where the pen is, which is up: down for `lower_s` and `dwell_s`, and up; the next action begins `lift_s` after that.
+
+    It is ink for the pen and not for the paper.
+    """
+
+    lower_s: float
+    dwell_s: float
+    lift_s: float
+
+
+Action = LayerStart | OperatorPause | Travel | Lift | Lower | Draw | Dwell | Dip
+
+
+def plan_seconds(action: Action) -> float:
+    """How much plan time an action takes; a pause takes none of it."""
+    match action:
+        case Travel(motion=motion) | Draw(motion=motion):
+            return motion.total_s
+        case Lift(wait_s=seconds) | Lower(wait_s=seconds) | Dwell(duration_s=seconds):
+            return seconds
+        case Dip(lower_s=lower_s, dwell_s=dwell_s, lift_s=lift_s):
+            return lower_s + dwell_s + lift_s
+    return 0.0
 
 
 def motions(actions: Iterable[Action]) -> Iterator[Motion]:

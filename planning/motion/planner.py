@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,21 @@ from planning.motion.clearance import LEAST_LEAD_S, PenHeight, PenTiming
 from planning.motion.draw import draw_parts
 from planning.motion.limits import Kinematics, Limits
 from planning.motion.path import Array
-from planning.motion.plan import TICK_S, Action, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
+from planning.motion.plan import (
+    TICK_S,
+    Action,
+    Dip,
+    Draw,
+    Dwell,
+    LayerStart,
+    Lift,
+    Lower,
+    Motion,
+    OperatorPause,
+    Travel,
+    plan_seconds,
+)
+from planning.motion.reinking import Ink, Reinking, check_well
 from planning.motion.travel import Bounds, travel
 
 # A drawing may stick out by this much: arithmetic of page and machine coordinates, far below a motor step.
@@ -27,8 +41,8 @@ class MotionSettings:
     """What the planner must keep: limits pen down and up, motors, pen times, the machine's travel ((x0, y0), (x1, y1)) in mm.
 
     `travel` limits hold for each motor's own belt; `draw` limits for the norm of the XY motion. `constant_speed` draws each
-    stroke as evenly as its bends allow. `first_chunk_vertices` is small, so that the first stroke is out quickly; chunks grow
-    to `chunk_vertices`.
+    stroke as evenly as its bends allow. `reinking` says when the pen is re-inked and where. `first_chunk_vertices` is small, so
+    that the first stroke is out quickly; chunks grow to `chunk_vertices`.
     """
 
     draw: Limits
@@ -39,6 +53,7 @@ class MotionSettings:
     constant_speed: bool = False
     first_chunk_vertices: int = 64
     chunk_vertices: int = 4096
+    reinking: Reinking | None = None
 
 
 def check_bounds(layers: Iterable[Layer], bounds_mm: Bounds) -> None:
@@ -72,9 +87,16 @@ def plan(layers: Iterable[Layer], settings: MotionSettings, start_mm: Array, end
 
     Actions come as soon as their chunk is planned, the Draws of a long stroke window by window; memory is bounded by a chunk.
     Raises ImpossiblePlan naming the stroke that cannot be planned (its number in the plan, from 0) and OutsideMachine for one
-    that leaves the machine's travel.
+    that leaves the machine's travel, or a well that is outside.
     """
-    at = np.array(start_mm, dtype=np.float64)
+    check_well(settings.reinking, settings.bounds_mm)
+    ink = Ink(settings.reinking)
+    for action in _actions(layers, settings, np.array(start_mm, dtype=np.float64), end_mm, ink):
+        ink.passed(plan_seconds(action))
+        yield action
+
+
+def _actions(layers: Iterable[Layer], settings: MotionSettings, at: Array, end_mm: Array | None, ink: Ink) -> Iterator[Action]:
     number = 0
     budget = settings.first_chunk_vertices
     lift = Lift(np.inf)
@@ -83,9 +105,10 @@ def plan(layers: Iterable[Layer], settings: MotionSettings, start_mm: Array, end
         if layer.pause_before:
             name = layer.name or f"layer {layer.number}"
             yield OperatorPause(f"next: {name}" + (f", pen {layer.color}" if layer.color else ""))
-            lift = Lift(np.inf)
+            ink.paused()
         strokes = list(layer.strokes)
         done = 0
+        reink = bool(strokes) and ink.due(strokes[0].length_mm)
         while done < len(strokes):
             take = _chunk(strokes, done, budget)
             budget = min(settings.chunk_vertices, budget * 4)
@@ -94,16 +117,22 @@ def plan(layers: Iterable[Layer], settings: MotionSettings, start_mm: Array, end
             begun = False
             for i, motion, last in draw_parts(chunk, settings.draw, settings.kinematics, number, settings.constant_speed):
                 if not begun:
+                    if reink:
+                        at, lift = yield from _reink(at, lift, settings)
+                        ink.inked()
                     way = travel(at, motion.start_mm, settings.travel, settings.kinematics, settings.bounds_mm)
                     yield from _approach(way, lift, settings.pen, number + i)
                 yield Draw(motion, number + i, last)
                 begun = not last
                 if begun:
                     continue
+                ink.drew(chunk[i].length_mm)
                 if chunk[i].is_dot and settings.pen.dot_dwell_s > 0:
                     yield Dwell(float(np.ceil(settings.pen.dot_dwell_s / TICK_S - 1e-6) * TICK_S))
                 at = motion.end_mm
-                lift = _lift(at, strokes[done + i + 1] if done + i + 1 < len(strokes) else None, settings.pen)
+                following = strokes[done + i + 1] if done + i + 1 < len(strokes) else None
+                reink = following is not None and ink.due(following.length_mm)
+                lift = _lift(at, None if reink else following, settings.pen)
                 yield lift
             number += take
             done += take
@@ -112,11 +141,23 @@ def plan(layers: Iterable[Layer], settings: MotionSettings, start_mm: Array, end
 
 
 def _lift(at_mm: Array, following: Stroke | None, pen: PenTiming) -> Lift:
-    """As high as the travel to the `following` stroke of the layer asks for; all the way up when there is none."""
+    """As high as the travel to the `following` stroke asks for; all the way up when something else comes first."""
     height: PenHeight = "up"
     if following is not None:
         height = pen.height_for(float(np.hypot(*(following.points_mm[0] - at_mm))))
     return Lift(pen.lift_wait_s(height), height)
+
+
+def _reink(at_mm: Array, lift: Lift, settings: MotionSettings) -> Generator[Action, None, tuple[Array, Lift]]:
+    """A visit to the well, or a pause; returns where the pen is then, and the lift it was raised by."""
+    rules, pen = settings.reinking, settings.pen
+    if rules is None or rules.well_mm is None:
+        yield OperatorPause("re-ink the pen")
+        return at_mm, lift
+    yield Travel(travel(at_mm, rules.well_mm, settings.travel, settings.kinematics, settings.bounds_mm))
+    raised = Lift(pen.lift_wait_s("up"))
+    yield Dip(pen.lower_wait_s("up"), float(np.ceil(rules.dip_s / TICK_S - 1e-6) * TICK_S), raised.wait_s)
+    return rules.well_mm, raised
 
 
 def _approach(way: Motion, lift: Lift, pen: PenTiming, number: int) -> Iterator[Action]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,11 +16,17 @@ from planning.ordering.improve import Stop, never
 from planning.ordering.joining import join_in_turn, join_strokes
 from planning.ordering.meeting import begin_where_met
 from planning.ordering.metric import Array, Metric, euclidean
+from planning.ordering.opening import BUDGET_S, LEAD, SOON_S, Pace, opening, ordering_s
 from planning.ordering.route import Route, Work
 from planning.ordering.seams import Choices, Seams, overdraw, places, start_at
 
-Order = Literal["none", "greedy", "best"]
-By = Literal["layer", "color"]
+Order = Literal["none", "greedy", "best", "random"]
+By = Literal["layer", "number", "color"]
+
+# So many strokes are ordered by distance as well, whatever the metric.
+FEW = 300
+
+_NUMBER = re.compile(r"[!\s]*(\d{1,9})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +35,7 @@ class OrderOptions:
 
     `order`: none keeps the file's order (and its seams, unless they are to be random), greedy takes the shortest links
     first, best improves on that for as much work as `time_budget_s` buys; the budget is counted in steps, not on a clock,
-    so that the same drawing gives the same order everywhere.
+    so that the same drawing gives the same order everywhere. random is any order, for ink that dries slowly.
     `join_tolerance_mm`: ends this near are joined; negative joins nothing.
     `seams`: where a closed stroke starts. same keeps the file's point, random spreads the marks, hidden takes one of its
     sharpest corners (any point where there is no corner), free takes whatever shortens the travel.
@@ -36,7 +43,9 @@ class OrderOptions:
     `reverse` draws layers and colours last to first, and with order none their strokes too. `interleave` draws every other
     stroke on the way out and the rest on the way back, so that neighbours have time to dry.
     `max_stroke_mm`: longer strokes are cut, so that the pen can be looked after in between.
-    `by`: color gathers each colour of the whole drawing into a layer of its own.
+    `by`: number draws the layers by the number that their name begins with, those without one last; color gathers each
+    colour of the whole drawing into a layer of its own.
+    `pace`: when given, a drawing that takes long to be put in order has an opening that is there at once (see opening.py).
 
     Raises ValueError for a length or a budget that is out of range.
     """
@@ -52,6 +61,7 @@ class OrderOptions:
     max_stroke_mm: float | None = None
     seed: int = 0
     by: By = "layer"
+    pace: Pace | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.time_budget_s) and self.time_budget_s >= 0):
@@ -76,12 +86,29 @@ def order_layers(
 
     Layers keep their order, and within a layer the strokes of one colour stay together, in the order of the colours' first
     strokes. What is drawn is unchanged, within the joining tolerance. `metric` is the cost of a travel; it never comes out
-    greater than in the file's own order (unless interleave or random seams ask for it).
+    greater than in the file's own order (unless interleave, random seams or a random order ask for it).
 
     `clock`, in seconds, only guards against slow machines: when it says that the time budget is used up, improving ends early.
     Without it, or when it does not come to that, the same layers and options give the same result everywhere.
     """
+    pieces = list(order_in_turn(layers, options, start_mm, metric, end_mm, clock))
+    return merged(pieces)
+
+
+def order_in_turn(
+    layers: Sequence[Layer],
+    options: OrderOptions,
+    start_mm: Array,
+    metric: Metric = euclidean,
+    end_mm: Array | None = None,
+    clock: Callable[[], float] | None = None,
+) -> Iterator[Layer]:
+    """`order_layers`, piece by piece as they are found: a layer may come in several pieces one after the other, of the same
+    number, of which only the first has a pause before it. `merged` puts them together.
+    """
     arranged = _by_color(layers) if options.by == "color" else list(layers)
+    if options.by == "number":
+        arranged.sort(key=_number_of)
     if options.reverse:
         arranged.reverse()
     grouped = [_colour_groups(layer.strokes) for layer in arranged]
@@ -93,17 +120,74 @@ def order_layers(
     at_mm = np.asarray(start_mm, dtype=np.float64)
     last_mm = None if end_mm is None else np.asarray(end_mm, dtype=np.float64)
     left = sum(len(groups) for groups in grouped)
-    result = []
+    following = iter([*[_ends_mm(group) for groups in grouped for group in groups][1:], None])
+    ahead_s = 0.0  # drawing given out, less the ordering since then
     for layer, groups in zip(arranged, grouped, strict=True):
         strokes: list[Stroke] = []
+        begun = False
         for group in groups:
             left -= 1
             share = replace(work, budget_s=work.budget_s * len(group) / total)
-            ordered = _order_group(group, options, at_mm, last_mm if left == 0 else None, metric, share)
-            at_mm = ordered[-1].points_mm[-1]
+            first: list[Stroke] = []
+            wait_s = ordering_s(group, best=work.best, budget_s=share.budget_s) if options.pace is not None else 0.0
+            if options.pace is not None and wait_s > SOON_S:
+                first, group = _opened(group, options, Way(at_mm, metric), share, LEAD * wait_s - ahead_s, options.pace)
+                strokes.extend(first)
+                if strokes:
+                    yield _piece(layer, strokes, begun)
+                    ahead_s += float(options.pace.seconds(strokes).sum())
+                    at_mm, strokes, begun = strokes[-1].points_mm[-1], [], True
+            way = Way(at_mm, metric, last_mm if left == 0 else None, next(following))
+            ordered = _order_group(group, options, way, share, first)
+            ahead_s = max(ahead_s - wait_s, 0.0)
+            at_mm = ordered[-1].points_mm[-1] if ordered else at_mm
             strokes.extend(ordered)
-        result.append(replace(layer, strokes=tuple(strokes)))
+        if options.pace is not None:
+            ahead_s += float(options.pace.seconds(strokes).sum())
+        if strokes or not begun:
+            yield _piece(layer, strokes, begun)
+
+
+def merged(pieces: Sequence[Layer]) -> tuple[Layer, ...]:
+    """Whole layers from the pieces that `order_in_turn` gives."""
+    result: list[Layer] = []
+    for piece in pieces:
+        if result and result[-1].number == piece.number and not piece.pause_before:
+            result[-1] = replace(result[-1], strokes=result[-1].strokes + piece.strokes)
+        else:
+            result.append(piece)
     return tuple(result)
+
+
+def _number_of(layer: Layer) -> float:
+    """The number that a layer's name begins with, as in "2 blue" or, with a pause, "! 2 blue"; infinite without one."""
+    found = _NUMBER.match(layer.name)
+    return int(found[1]) if found else np.inf
+
+
+def _piece(layer: Layer, strokes: list[Stroke], begun: bool) -> Layer:
+    return replace(layer, strokes=tuple(strokes), pause_before=layer.pause_before and not begun)
+
+
+def _opened(
+    group: list[Stroke], options: OrderOptions, way: Way, work: Work, lead_s: float, pace: Pace
+) -> tuple[list[Stroke], list[Stroke]]:
+    """The group's opening as it will be drawn, and the strokes that are left for later. Never further than the file's order."""
+    if lead_s <= 0 or options.interleave or options.order == "random":
+        return [], group
+    asked = group[::-1] if options.order == "none" and options.reverse else group
+    small = replace(work, budget_s=min(work.budget_s, BUDGET_S))
+    for near in (True, False) if options.order != "none" else (False,):
+        numbers = opening(asked, way.start_mm, lead_s, pace, near=near)
+        chosen = set(numbers)
+        rest = [stroke for k, stroke in enumerate(asked) if k not in chosen]
+        if not numbers:
+            return [], group
+        plain = replace(options, reverse=False) if near else replace(options, reverse=False, order="none")
+        first = _order_group([asked[k] for k in numbers], plain, way, small)
+        if not near or way.cost([*first, *rest]) <= way.cost(asked):
+            return first, rest[::-1] if asked is not group else rest
+    raise AssertionError("the first strokes in the file's order are no further than the file's order")
 
 
 def _deadline(clock: Callable[[], float] | None, budget_s: float) -> Stop:
@@ -130,26 +214,63 @@ def _colour_groups(strokes: Sequence[Stroke]) -> list[list[Stroke]]:
     return list(groups.values())
 
 
+def _ends_mm(strokes: list[Stroke]) -> Array:
+    """Where the pen may begin with these strokes, (n, 2)."""
+    return np.array([point for stroke in strokes for point in (stroke.points_mm[0], stroke.points_mm[-1])])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Way:
+    """From which place (2,) a group is drawn, what travel costs, where it ends and what follows it (n, 2), if that is known."""
+
+    start_mm: Array
+    metric: Metric
+    end_mm: Array | None = None
+    following_mm: Array | None = None
+
+    def cost(self, strokes: Sequence[Stroke]) -> float:
+        """What travel costs, at least one stroke drawn in this order, and on to the nearest of what follows."""
+        total = travel(strokes, self.start_mm, self.metric, self.end_mm)
+        if self.end_mm is None and self.following_mm is not None:
+            total += float(self.metric(strokes[-1].points_mm[-1:], self.following_mm).min())
+        return total
+
+
+def _routed(joined: list[Stroke], options: OrderOptions, way: Way, work: Work) -> list[Stroke]:
+    """The shortest route that is found. A few strokes may well be stuck with one metric where they are not with another."""
+    metrics = [way.metric] if way.metric is euclidean or len(joined) > FEW else [way.metric, euclidean]
+    routes = []
+    for metric in metrics:
+        choices = Choices(joined, options.seams, np.random.default_rng(options.seed))
+        route = Route(joined, choices, way.start_mm, way.end_mm, metric, way.following_mm)
+        route.find(work)
+        routes.append(route.drawn())
+    return min(routes, key=way.cost)
+
+
 def _order_group(
-    strokes: list[Stroke], options: OrderOptions, start_mm: Array, end_mm: Array | None, metric: Metric, work: Work
+    strokes: list[Stroke], options: OrderOptions, way: Way, work: Work, drawn: Sequence[Stroke] = ()
 ) -> list[Stroke]:
-    """The strokes of one colour, at least one, as they will be drawn."""
-    once = strokes if options.keep_duplicates else draw_once(strokes)
+    """The strokes of one colour as they will be drawn: at least one, unless what was `drawn` before covers them."""
+    once = strokes if options.keep_duplicates else draw_once(strokes, drawn)
+    if not once:
+        return []
     rng = np.random.default_rng(options.seed)
-    if options.order == "none":
+    if options.order == "random":
+        joined = join_strokes(once, options.join_tolerance_mm)
+        ordered = [joined[k] for k in rng.permutation(len(joined))]
+        if options.seams == "random":
+            ordered = [start_at(stroke, int(places(stroke, "random", rng)[0])) for stroke in ordered]
+    elif options.order == "none":
         ordered = join_in_turn(once[::-1] if options.reverse else once, options.join_tolerance_mm)
         if options.seams == "random":
             ordered = [start_at(stroke, int(places(stroke, "random", rng)[0])) for stroke in ordered]
     else:
         movable = begin_where_met(once, options.join_tolerance_mm) if options.seams in ("hidden", "free") else once
         joined = join_strokes(movable, options.join_tolerance_mm)
-        route = Route(joined, Choices(joined, options.seams, rng), start_mm, end_mm, metric)
-        route.find(work)
+        found = _routed(joined, options, way, work)
         as_in_file = join_in_turn(once, options.join_tolerance_mm)
-        found = route.drawn()
-        ordered = (
-            min((found, as_in_file), key=lambda s: travel(s, start_mm, metric, end_mm)) if options.seams != "random" else found
-        )
+        ordered = found if options.seams == "random" else min((found, as_in_file), key=way.cost)
     if options.interleave:
         ordered = interleaved(ordered)
     ordered = [overdraw(stroke, options.overdraw_mm) for stroke in ordered]

@@ -45,17 +45,18 @@ class _Segments:
         return np.asarray(np.hypot(*(self.b - self.a).T))
 
 
-def draw_once(strokes: Sequence[Stroke]) -> list[Stroke]:
+def draw_once(strokes: Sequence[Stroke], drawn: Sequence[Stroke] = ()) -> list[Stroke]:
     """The strokes without the parts that an earlier one, or an earlier part of the same one, has drawn already.
 
-    A part counts as drawn when it lies within SAME_LINE_MM of a segment that stays; parts shorter than LEAST_GAP_MM are let
-    be. What is left of a stroke may be several pieces; they stand where it stood. Strokes that lose nothing come back as
-    they are. About n log n for n segments.
+    What is `drawn` comes before all of them. A part counts as drawn when it lies within SAME_LINE_MM of a segment that stays;
+    parts shorter than LEAST_GAP_MM are let be. What is left of a stroke may be several pieces; they stand where it stood.
+    Strokes that lose nothing come back as they are. About n log n for n segments.
     """
+    strokes = [*drawn, *strokes]
     kept = _without_equal_dots(strokes)
     segments = _segments(strokes, kept)
     if len(segments.a) == 0:
-        return [strokes[k] for k in kept]
+        return [strokes[k] for k in kept if k >= len(drawn)]
     # Equal points have one number: the ends of the segments, first all a's and then all b's.
     vertex = np.unique(np.concatenate((segments.a, segments.b)) @ [1, 1j], return_inverse=True)[1].ravel()
     left = _first_of_equals(vertex)
@@ -65,6 +66,8 @@ def draw_once(strokes: Sequence[Stroke]) -> list[Stroke]:
         by_stroke.setdefault(int(segments.stroke[k]), {})[int(segments.place[k])] = intervals
     result = []
     for number in kept:
+        if number < len(drawn):
+            continue
         if number in by_stroke:
             result.extend(_pieces(strokes[number], _without_small_gaps(strokes[number], by_stroke[number])))
         else:

@@ -38,15 +38,23 @@ def never() -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Costs:
-    """What a link between two nodes costs. A link to node 0 is free when the route may end anywhere."""
+    """What a link between two nodes costs.
+
+    When the route may end anywhere, a link to node 0 costs what `after`, for each node, says that comes after it: nothing.
+    """
 
     points_mm: Array
     metric: Metric
     free_end: bool
+    after: Array | None = None
 
     def __call__(self, a: Nodes, b: Nodes) -> Array:
         cost = self.metric(self.points_mm[a], self.points_mm[b])
-        return np.where((a == 0) | (b == 0), 0.0, cost) if self.free_end else cost
+        if not self.free_end:
+            return cost
+        if self.after is None:
+            return np.where((a == 0) | (b == 0), 0.0, cost)
+        return np.where(a == 0, self.after[b], np.where(b == 0, self.after[a], cost))
 
 
 def near_nodes(points_mm: Array, count: int, free_end: bool) -> Nodes:

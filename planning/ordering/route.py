@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from planning.geometry.stroke import Stroke
 from planning.ordering.greedy import Nodes, greedy_route
@@ -43,11 +44,23 @@ class Work:
 
 
 class Route:
-    """A route under way: the items' points, the order found so far, and the chosen starts. Item k + 1 is stroke k."""
+    """A route under way: the items' points, the order found so far, and the chosen starts. Item k + 1 is stroke k.
 
-    def __init__(self, strokes: list[Stroke], choices: Choices, start_mm: Array, end_mm: Array | None, metric: Metric) -> None:
+    It ends at `end_mm` or, when that is None, anywhere, from where the pen goes on to the nearest of `following_mm` (n, 2).
+    """
+
+    def __init__(
+        self,
+        strokes: list[Stroke],
+        choices: Choices,
+        start_mm: Array,
+        end_mm: Array | None,
+        metric: Metric,
+        following_mm: Array | None = None,
+    ) -> None:
         self.strokes, self.choices, self.metric = strokes, choices, metric
         self.free_end = end_mm is None
+        self.following = None if following_mm is None or end_mm is not None else cKDTree(following_mm)
         self.points_mm = np.empty((2 * len(strokes) + 2, 2))
         self.points_mm[0] = start_mm if end_mm is None else end_mm
         self.points_mm[1] = start_mm
@@ -58,7 +71,7 @@ class Route:
         self.order = np.arange(len(strokes) + 1, dtype=np.int64) * 2
 
     def cost(self, order: Nodes) -> float:
-        costs = Costs(self.points_mm, self.metric, self.free_end)
+        costs = self._costs()
         return math.fsum(costs(order ^ 1, np.roll(order, -1)).tolist())
 
     def find(self, work: Work) -> None:
@@ -93,7 +106,13 @@ class Route:
 
     def _parts(self, effort: Effort) -> tuple[Nodes, Costs, Tour]:
         near = near_nodes(self.points_mm, effort.breadth, self.free_end)
-        return near, Costs(self.points_mm, self.metric, self.free_end), Tour(self.order)
+        return near, self._costs(), Tour(self.order)
+
+    def _costs(self) -> Costs:
+        if self.following is None:
+            return Costs(self.points_mm, self.metric, self.free_end)
+        nearest = self.following.data[self.following.query(self.points_mm)[1]]
+        return Costs(self.points_mm, self.metric, self.free_end, self.metric(self.points_mm, nearest))
 
     def _improve(self, effort: Effort, work: Work) -> None:
         near, costs, tour = self._parts(effort)

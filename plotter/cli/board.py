@@ -36,6 +36,7 @@ def pen_options(command: _Wrapped) -> _Wrapped:
     """The settings that say which machine and pen this is."""
     command = click.option("--pen-down", metavar="PERCENT", help="Pen height when down.")(command)
     command = click.option("--pen-up", metavar="PERCENT", help="Pen height when up.")(command)
+    command = click.option("--lift", metavar="NAME", help="Pen lift; the machine's own when not given.")(command)
     return click.option("--machine", metavar="NAME", help="Machine profile (see `plotter machines`).")(command)
 
 
@@ -45,15 +46,15 @@ def tool_settings(**flags: str | None) -> Settings:
 
 
 @contextmanager
-def opened(port: str | None, *, clear: bool) -> Iterator[Board]:
-    """The board at `port`; with `clear` whatever still moves is stopped and the pen raised first."""
+def opened(port: str | None, *, clear: bool, pen_pin: int | None = None) -> Iterator[Board]:
+    """The board at `port`; with `clear` whatever still moves is stopped and the pen, on its RB pin, raised first."""
     if port == SIM:
         from output.ebb.virtual.process import start_virtual_board
 
-        with start_virtual_board() as virtual, connect(virtual.port, clear=clear) as board:
+        with start_virtual_board() as virtual, connect(virtual.port, clear=clear, pen_pin=pen_pin) as board:
             yield board
         return
-    with connect(choose_port(port), clear=clear) as board:
+    with connect(choose_port(port), clear=clear, pen_pin=pen_pin) as board:
         yield board
 
 
@@ -146,20 +147,21 @@ def _rename(one: Board, name: str, yes: bool) -> None:
 @click.argument("what", type=click.Choice(["up", "down", "toggle"]))
 @port_option
 @pen_options
-def pen(what: str, port: str | None, machine: str | None, pen_up: str | None, pen_down: str | None) -> None:
+def pen(what: str, port: str | None, **flags: str | None) -> None:
     """Raise or lower the pen.
 
     \b
     plotter pen up
     plotter pen down --pen-down 35%
     """
-    settings = tool_settings(machine=machine, pen_up=pen_up, pen_down=pen_down)
-    with opened(port, clear=False) as one:
+    settings = tool_settings(**flags)
+    with opened(port, clear=False, pen_pin=settings.pen_lift().other_pin) as one:
         up = what == "up" or (what == "toggle" and one.query("QP") == "0")
         for command in _heights(one, settings):
             one.send(command)
         lift = settings.pen_lift()
-        one.send(SP(1 if up else 0, round(1000 * (lift.lift_s() if up else lift.lower_s()))), timeout_s=_PEN_TIMEOUT_S)
+        wait_ms = round(1000 * (lift.lift_s() if up else lift.lower_s()))
+        one.send(SP(1 if up else 0, wait_ms, lift.other_pin), timeout_s=_PEN_TIMEOUT_S)
         one.wait_until_still(_PEN_TIMEOUT_S)
     click.echo(f"the pen is {'up' if up else 'down'}")
 
@@ -179,9 +181,7 @@ def _heights(one: Board, settings: Settings) -> Iterator[Command]:
 @click.option("--to", "absolute", is_flag=True, help="X and Y are a position from home, not a distance from here.")
 @port_option
 @pen_options
-def move(
-    x: str, y: str, absolute: bool, port: str | None, machine: str | None, pen_up: str | None, pen_down: str | None
-) -> None:
+def move(x: str, y: str, absolute: bool, port: str | None, **flags: str | None) -> None:
     """Move the carriage with the pen up, by X to the right and Y down.
 
     \b
@@ -192,8 +192,8 @@ def move(
         given = np.array([length_mm(x), length_mm(y)])
     except ValueError as error:
         raise BadInput(f"{error}: give two lengths, as in `plotter move 10mm -5mm`") from None
-    settings = tool_settings(machine=machine, pen_up=pen_up, pen_down=pen_down)
-    with opened(port, clear=True) as one:
+    settings = tool_settings(**flags)
+    with opened(port, clear=True, pen_pin=settings.pen_lift().other_pin) as one:
         start_mm = position_mm(one, settings)
         end_mm = carriage_to(one, settings, start_mm, given if absolute else start_mm + given)
     click.echo(f"the carriage is at {end_mm[0]:.2f}, {end_mm[1]:.2f} mm")
@@ -202,14 +202,14 @@ def move(
 @click.command()
 @port_option
 @pen_options
-def home(port: str | None, machine: str | None, pen_up: str | None, pen_down: str | None) -> None:
+def home(port: str | None, **flags: str | None) -> None:
     """Raise the pen and bring the carriage back to where it was when the motors were switched on.
 
     \b
     plotter home
     """
-    settings = tool_settings(machine=machine, pen_up=pen_up, pen_down=pen_down)
-    with opened(port, clear=True) as one:
+    settings = tool_settings(**flags)
+    with opened(port, clear=True, pen_pin=settings.pen_lift().other_pin) as one:
         carriage_to(one, settings, position_mm(one, settings), np.zeros(2))
     click.echo("the carriage is at home")
 
@@ -217,34 +217,35 @@ def home(port: str | None, machine: str | None, pen_up: str | None, pen_down: st
 @click.command()
 @port_option
 @pen_options
-def align(port: str | None, machine: str | None, pen_up: str | None, pen_down: str | None) -> None:
+def align(port: str | None, **flags: str | None) -> None:
     """Raise the pen and let go of the motors, so that the carriage can be pushed to its home corner.
 
     \b
     plotter align
     """
-    _let_go(port, tool_settings(machine=machine, pen_up=pen_up, pen_down=pen_down))
+    _let_go(port, tool_settings(**flags))
     click.echo("the pen is up and the motors are off: push the carriage to its home corner")
 
 
 @click.command()
 @port_option
 @pen_options
-def disable(port: str | None, machine: str | None, pen_up: str | None, pen_down: str | None) -> None:
+def disable(port: str | None, **flags: str | None) -> None:
     """Stop whatever moves, raise the pen, and switch the motors off.
 
     \b
     plotter disable
     """
-    _let_go(port, tool_settings(machine=machine, pen_up=pen_up, pen_down=pen_down))
+    _let_go(port, tool_settings(**flags))
     click.echo("everything is stopped, the pen is up and the motors are off")
 
 
 def _let_go(port: str | None, settings: Settings) -> None:
-    with opened(port, clear=True) as one:
+    with opened(port, clear=True, pen_pin=settings.pen_lift().other_pin) as one:
         for command in _heights(one, settings):
             one.send(command)
-        one.send(SP(1, round(1000 * settings.pen_lift().lift_s())))
+        lift = settings.pen_lift()
+        one.send(SP(1, round(1000 * lift.lift_s()), lift.other_pin))
         one.wait_until_still(_PEN_TIMEOUT_S)
         one.send(EM(0, 0))
         one.wait_until_still(_PEN_TIMEOUT_S)

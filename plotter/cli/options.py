@@ -34,6 +34,9 @@ _METAVARS = {
     "lift": "NAME",
     "stroke": "LENGTH",
     "overdraw": "LENGTH",
+    "dip": "TIME",
+    "every": "AMOUNT",
+    "well": "X,Y",
 }
 
 

@@ -44,8 +44,8 @@ def plot_in_parts(
     """
     stop, started, total = StopFlag(), time.monotonic(), Progress()
     settings = motion_settings(job.settings, job.machine)
-    first = 0 if part is None else part.stroke
-    with progress_bar(guesses_s(job)[first:]) as bar, keys(stop) as listening:
+    outlook = _Outlook(job, 0 if part is None else part.stroke)
+    with progress_bar(outlook.guesses_s()) as bar, keys(stop) as listening:
         while True:
             _note_part(board, journal, part)
             actions = part_actions(job, part)
@@ -56,7 +56,7 @@ def plot_in_parts(
                 settings.draw,
                 settings.pen.lift_s,
             )
-            show = partial(_show, bar, stop, listening, total)
+            show = partial(_show, bar, outlook, stop, listening, total)
             result = board.stream(items, on_progress=show, stop=stop, journal=journal, hold=items.hold)
             total = _together(total, result.progress)
             if result.outcome == "held" and items.place is not None:
@@ -91,7 +91,26 @@ def _beginning(setup: BoardSetup, part: Part | None, stop: StopFlag) -> Iterator
     yield from part_beginning(setup, part)
 
 
-def _show(bar: Bar, stop: StopFlag, listening: bool, before: Progress, progress: Progress) -> None:
+class _Outlook:
+    """What the bar expects of the strokes from number `first` on: a guess, until the order of all of them is found."""
+
+    def __init__(self, job: Job, first: int) -> None:
+        self._job = job
+        self._first = first
+        self._complete = job.ordering.complete
+
+    def guesses_s(self) -> list[float]:
+        return guesses_s(self._job)[self._first :]
+
+    def tell(self, bar: Bar) -> None:
+        """Once, when everything is known."""
+        if not self._complete and self._job.ordering.complete:
+            self._complete = True
+            bar.expect(self.guesses_s())
+
+
+def _show(bar: Bar, outlook: _Outlook, stop: StopFlag, listening: bool, before: Progress, progress: Progress) -> None:
+    outlook.tell(bar)
     if progress.state is State.PAUSED and _ends_here(stop, listening):
         stop.leave()
     bar.show(_together(before, progress))
@@ -112,7 +131,7 @@ def _together(before: Progress, progress: Progress) -> Progress:
 def _part_left(job: Job, setup: BoardSetup, part: Part | None, strokes_done: int, steps: tuple[int, int]) -> Part:
     """What is left when a part is left in a pause between strokes."""
     here = position_mm(setup, steps)
-    first = 0 if part is None else layers_left(job.layers, part)[1]
+    first = 0 if part is None else layers_left(job.ordering, part)[1]
     if part is not None and strokes_done == 0:
         return replace(part, start_mm=here, homed=False)
     return Part(first + strokes_done, 0.0, here, here, False)

@@ -16,19 +16,24 @@ from output.ebb.ports import choose_port
 from output.ebb.session import connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from planning.motion.limits import Kinematics
-from plotter.board_setup import board_setup
+from plotter.board_setup import HOME_MM, board_setup
 from plotter.cli.awake import awake
+from plotter.cli.board import position_mm
 from plotter.cli.options import SIM, collect, settings_options
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
 from plotter.cli.streaming import Ended, finish, patience_s
 from plotter.errors import BadInput
+from plotter.journals import Part, journal_path
 from plotter.journals import head as journal_head
-from plotter.journals import journal_path
 from plotter.pipeline import Job, prepare
 from plotter.preview.picture import draw_ink
+from plotter.settings import Settings
 from plotter.units import spoken_duration
+
+# The board stands on whole steps.
+_AT_WELL_MM = 0.02
 
 
 @click.command()
@@ -54,7 +59,7 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
     settings = collect(options).values
     device = SIM if port == SIM else choose_port(port)
     reading = collect_reading(options)
-    job = prepare(file, reading, settings)
+    job = prepare(file, reading, settings, _start_mm(device, settings))
     notes(job.notes)
     if port == SIM:
         with start_virtual_board(
@@ -66,18 +71,39 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
     _plot_on(job, device, 1.0, journal_head(job, file, reading))
 
 
+def _start_mm(device: str, settings: Settings) -> np.ndarray:
+    """Where the pen is, in machine millimetres (2,). Raises BoardRefused when the board cannot know it."""
+    if settings.start == "home" or device == SIM:
+        return HOME_MM
+    with connect(choose_port(device), clear=False, pen_pin=settings.pen_lift().other_pin) as board:
+        return position_mm(board, settings)
+
+
 def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | None) -> None:
     """Plot on the board at `port`. `head` is the journal's; None keeps none, for a board that goes when the plot does."""
     attended = head is not None or sys.stdin.isatty()
-    with awake(), connect(port, board_speed=board_speed, checksums=job.settings.checksums) as board, ExitStack() as context:
+    checksums, pen_pin = job.settings.checksums, job.settings.pen_lift().other_pin
+    with (
+        awake(),
+        connect(port, board_speed=board_speed, checksums=checksums, pen_pin=pen_pin) as board,
+        ExitStack() as context,
+    ):
         setup = board_setup(job.settings, job.machine, board.firmware)
         journal = None if head is None else context.enter_context(_begun(head))
-        ended = plot_in_parts(board, job, setup, journal, None, pauses=attended)
+        ended = plot_in_parts(board, job, setup, journal, _first_part(job), pauses=attended)
     finish(ended, f"{job.name} on {board.port_name}, firmware {board.firmware}", resumable=journal is not None)
     click.echo(_summary(job, ended))
     if ended.total.stalls and board_speed <= 1:
         stalls, stalled_s = ended.total.stalls, ended.total.stalled_s
         click.echo(f"the board waited {stalls} times for the computer, {stalled_s:.2f} s in all")
+
+
+def _first_part(job: Job) -> Part | None:
+    """The whole plot; from where the pen is, the board's counters go on."""
+    if job.settings.start == "home":
+        return None
+    here = (float(job.start_mm[0]), float(job.start_mm[1]))
+    return Part(0, 0.0, here, here, False)
 
 
 @contextmanager
@@ -108,9 +134,16 @@ def _summary(job: Job, ended: Ended) -> str:
 def _keep_picture(virtual: VirtualBoard, picture: Path | None, job: Job) -> None:
     if picture is None:
         return
-    ink = ink_mm(virtual.record(), job.machine.kinematics())
+    reinking = job.settings.reinking()
+    well_mm = None if reinking is None else reinking.well_mm
+    ink = [line for line in ink_mm(virtual.record(), job.machine.kinematics()) if not _is_dip(line, well_mm)]
     colors = [stroke.color for layer in job.layers for stroke in layer.strokes]
     draw_ink(picture, ink, (job.machine.width_mm, job.machine.height_mm), colors=colors if len(colors) == len(ink) else None)
+
+
+def _is_dip(line: np.ndarray, well_mm: np.ndarray | None) -> bool:
+    """A dot in the well, which is ink for the pen and none on the paper."""
+    return well_mm is not None and len(line) == 1 and bool(np.abs(line - well_mm).max() < _AT_WELL_MM)
 
 
 def ink_mm(record: dict[str, Any], kinematics: Kinematics) -> list[np.ndarray]:

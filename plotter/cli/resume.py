@@ -36,7 +36,8 @@ def resume(port: str | None, homed: bool) -> None:
     state = interrupted_plot()
     device = choose_port(port)
     job = made_again(state)
-    with awake(), connect(device, clear=False, checksums=job.settings.checksums) as board:
+    checksums, pen_pin = job.settings.checksums, job.settings.pen_lift().other_pin
+    with awake(), connect(device, clear=False, checksums=checksums, pen_pin=pen_pin) as board:
         board.wait_until_still(_STILL_TIMEOUT_S)
         board.clear()
         setup = board_setup(job.settings, job.machine, board.firmware)

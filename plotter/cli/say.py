@@ -29,8 +29,7 @@ class Bar:
     """
 
     def __init__(self, guess_s: Sequence[float]) -> None:
-        self._until_s = np.concatenate(([0.0], np.cumsum(np.asarray(guess_s, dtype=np.float64))))
-        self._strokes = len(guess_s)
+        self.expect(guess_s)
         self._paused = ""
         self.progress: Progress | None = None
         if sys.stderr.isatty():
@@ -43,6 +42,11 @@ class Bar:
                 transient=True,
             )
             self._task = self.progress.add_task("plotting", total=1.0, left="")
+
+    def expect(self, guess_s: Sequence[float]) -> None:
+        """How long the strokes take: what is known by now."""
+        self._until_s = np.concatenate(([0.0], np.cumsum(np.asarray(guess_s, dtype=np.float64))))
+        self._strokes = len(guess_s)
 
     def left_s(self, done: StreamProgress) -> float:
         """Board time left: what was guessed for the strokes to come, scaled by guess and truth of those done."""

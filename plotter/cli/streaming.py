@@ -12,7 +12,7 @@ from output.ebb.stream import Progress
 from plotter.cli.keys import keys
 from plotter.cli.say import progress_bar
 from plotter.errors import Interrupted, Paused
-from plotter.pipeline import Job
+from plotter.pipeline import Job, stroke_guess_s
 
 
 def patience_s(speed: float) -> float:
@@ -40,9 +40,16 @@ def streamed(board: Board, items: Program, guess_s: list[float]) -> Ended:
 
 
 def guesses_s(job: Job) -> list[float]:
-    """About how long each stroke takes, lifts included; the bar corrects the common factor."""
-    lifts_s = job.settings.lift_time + job.settings.lower_time + 0.2
-    return [lifts_s + stroke.length_mm / job.settings.draw_speed for layer in job.layers for stroke in layer.strokes]
+    """About how long each stroke takes, lifts included; the bar corrects the common factor.
+
+    While the order is still being found, those that are not in it yet are taken to be as they are in the file on average.
+    """
+    complete, lifts_s, speed = job.ordering.complete, stroke_guess_s(job.settings), job.settings.draw_speed
+    found = [lifts_s + stroke.length_mm / speed for piece in list(job.ordering.found) for stroke in piece.strokes]
+    if complete:
+        return found
+    in_file = [lifts_s + stroke.length_mm / speed for layer in job.arranged.layers for stroke in layer.strokes]
+    return found + [sum(in_file) / len(in_file)] * (len(in_file) - len(found))
 
 
 def finish(ended: Ended, where: str, *, resumable: bool = True) -> None:

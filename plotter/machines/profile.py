@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from importlib import resources
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -47,6 +48,11 @@ class PenLift(_Profile):
     touch_high: float = Field(ge=0, le=1)
     low: float = Field(gt=0, le=1)
 
+    @property
+    def other_pin(self) -> int | None:
+        """The servo's RB pin as SP names it; None for the board's own, RB1."""
+        return None if self.pin == 1 else self.pin
+
     def pulse(self, percent: float) -> int:
         """The pulse length for a height in percent."""
         return round(self.pulse_at_0 + (self.pulse_at_100 - self.pulse_at_0) * percent / 100)
@@ -60,12 +66,16 @@ class PenLift(_Profile):
         return self.pulse(self.down_percent)
 
     def lift_s(self) -> float:
-        """From the command to the pen being up: whole servo periods for the way, one more for the phase, and settling."""
-        return self._way_s(self.rate_up) + self.settle_up_ms / 1000
+        """From the command to the pen being up: whole servo periods for the way, one more for the phase, and settling.
+
+        Never less than until the tip is clear of the paper, wherever that is.
+        """
+        return max(self._way_s(self.rate_up) + self.settle_up_ms / 1000, self._tip_s(self.rate_up, self.touch_high))
 
     def lower_s(self) -> float:
         """From the command to the pen being on the paper and quiet."""
-        return self._way_s(self.rate_down) + self.settle_down_ms / 1000
+        settle_s = self.settle_down_ms / 1000
+        return settle_s + max(self._way_s(self.rate_down), self._tip_s(self.rate_down, 1 - self.touch_low))
 
     def clearance(self, lift_s: float, lower_s: float, low: float) -> Clearance:
         """How high the pen certainly is, where lifting and lowering are given `lift_s` and `lower_s` instead of the profile's
@@ -85,6 +95,11 @@ class PenLift(_Profile):
             touch_high=self.touch_high,
             low=low,
         )
+
+    def _tip_s(self, rate: int, share: float) -> float:
+        """Until the tip has certainly gone this share of the way, in whole milliseconds."""
+        way_ms = abs(self.up_pulse - self.down_pulse) * self.period_ms / rate
+        return math.ceil(self.period_ms + self.lag_ms + share * way_ms) / 1000
 
     def _way_s(self, rate: int) -> float:
         periods = math.ceil(abs(self.up_pulse - self.down_pulse) / rate) + 1
@@ -127,10 +142,39 @@ def machine_names() -> list[str]:
 
 
 def load_machine(name: str) -> Machine:
-    """The machine profile called `name`. Raises BadInput, naming the ones there are, when there is none."""
+    """The machine profile called `name`, or the one in the file `name` when that ends in .toml.
+
+    Raises BadInput naming the profiles there are when there is none of that name, or what is wrong with the file.
+    """
+    if name.endswith(".toml"):
+        return _machine_file(Path(machine_key(name)))
     if name not in machine_names():
-        raise BadInput(f"there is no machine '{name}': choose one of {', '.join(machine_names())} (see `plotter machines`)")
+        names = ", ".join(machine_names())
+        raise BadInput(
+            f"there is no machine '{name}': choose one of {names} (see `plotter machines`), or give your own FILE.toml"
+        )
     return Machine.model_validate({"name": name, **_toml(f"{name}.toml")})
+
+
+def machine_key(name: str) -> str:
+    """What to remember of a chosen machine: its name, or where its file is, whatever the folder one is in later."""
+    return str(Path(name).expanduser().absolute()) if name.endswith(".toml") else name
+
+
+def _machine_file(path: Path) -> Machine:
+    try:
+        machine = Machine.model_validate({"name": str(path), **tomllib.loads(path.read_text(encoding="utf-8"))})
+        machine.kinematics()
+    except OSError as error:
+        raise BadInput(f"cannot read the machine profile {path}: {error.strerror}; check the path") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInput(f"the machine profile {path} is not TOML: {error}") from None
+    except ValidationError as error:
+        raise BadInput(f"the machine profile {path}: {first_fault(error)}; docs/machines.md shows one") from None
+    except ValueError as error:
+        raise BadInput(f"the machine profile {path}: {error}; docs/machines.md shows one") from None
+    load_pen_lift(machine.pen_lift)
+    return machine
 
 
 def pen_lift_names() -> list[str]:

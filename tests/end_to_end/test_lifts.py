@@ -15,17 +15,23 @@ import pytest
 
 from output.ebb.command_file import read_command_file, write_command_file
 from output.ebb.commands import S2, SC, SP, Command
+from output.ebb.control import StopFlag
 from output.ebb.encode import BoardSetup
 from output.ebb.program import ApproachMark, Mark
+from output.ebb.session import connect
 from output.ebb.verify import verify
 from output.ebb.verify_compare import compare
 from output.ebb.virtual.board import Board
+from output.errors import BadCommand
 from planning.geometry.stroke import Layer, Stroke
 from planning.motion.plan import Action, Lift, Lower, Travel
 from planning.motion.planner import plan
 from plotter.board_setup import board_setup
+from plotter.cli.keys import press
 from plotter.pipeline import motion_settings, program
 from plotter.settings import resolve
+from tests.output.board_in_memory import MemoryBoard
+from tests.output.inline_producer import inline_producer  # noqa: F401 - a fixture
 
 HOME = np.zeros(2)
 OFF_MM = 0.03  # what the ink may be off the drawing: tolerance of the motion, and steps
@@ -178,3 +184,111 @@ def test_a_slower_lift_by_hand_is_slower_all_the_way() -> None:
     assert other.lift_wait_s("up") > 0.35
     assert other.lower_wait_s("up") > 0.35
     assert other.lead_s(9.0, "up") == pytest.approx(one.lead_s(9.0, "up"))
+
+
+@pytest.mark.parametrize("heights", [(60, 30), (100, 0), (52, 50), (31, 30)])
+@pytest.mark.parametrize("lift", ["standard-servo", "brushless", "solenoid"])
+def test_no_wait_is_shorter_than_the_model_allows(lift: str, heights: tuple[int, int]) -> None:
+    """At any overlap and any height; without overlap the whole time is waited for, which is never less than that."""
+    for overlap in (0.0, 0.8, 1.0):
+        pen = resolve({"lift": lift, "pen_up": heights[0], "pen_down": heights[1], "overlap": overlap}).values.pen_timing()
+        model = pen.clearance
+        assert model is not None
+        for height in ("up", "low"):
+            assert pen.lift_wait_s(height) >= model.lifted_s(height) - 1e-9
+            assert pen.lower_wait_s(height) >= model.down_s(height) - 1e-9
+            assert pen.lead_s(9.0, height) <= max(model.top(height) - model.touch_high, 0.0) * model.drop_s + 1e-9
+            assert overlap or pen.lead_s(9.0, height) == 0.0
+
+
+# pauses and stops
+
+
+def low_lifts(**flags: Any) -> tuple[list[Command | Mark], BoardSetup]:
+    """A row of short strokes 2 mm apart, so that the pen is on a low lift between each two."""
+    settings = resolve({"overlap": 1.0, "low_lift": "5mm", **flags}).values
+    machine = settings.machine_profile()
+    row = tuple(Stroke(np.array([[10.0 + 2 * k, 10.0], [10.0 + 2 * k, 12.0]])) for k in range(20))
+    actions = plan((Layer(1, "all", row),), motion_settings(settings, machine), HOME, HOME)
+    setup = board_setup(settings, machine)
+    return list(program(actions, setup)), setup
+
+
+@pytest.mark.usefixtures("inline_producer")
+@pytest.mark.parametrize("lift", ["standard-servo", "brushless"])
+@pytest.mark.parametrize("firmware", ["3.0.3", "3.0.0", "2.8.1"])
+def test_a_pause_on_a_low_lift_raises_the_pen_and_goes_on_from_the_low_height(firmware: str, lift: str) -> None:
+    items, setup = low_lifts(firmware=firmware, lift=lift)
+    memory, stop = MemoryBoard(firmware), StopFlag()
+    memory.board.servo.touch_share = 0.69
+    paused_at: list[float] = []
+    heights: list[float] = []
+
+    def operator(m: MemoryBoard) -> None:
+        if stop.pause_reason is None and len(paused_at) < 3 and m.clock() > 2.5 + 1.5 * len(paused_at):
+            paused_at.append(m.clock())
+            stop.pause("paused by key")
+        elif stop.pause_reason is not None and m.clock() > paused_at[-1] + 3.0 and m.board.motion.idle:
+            heights.append(m.board.servo.position(m.board.now))
+            stop.go()
+
+    board = connect(memory, clock=memory.clock)
+    memory.on_receive = operator
+    result = board.stream(items, on_progress=lambda _: None, stop=stop)
+    assert result.outcome == "done"
+    assert heights == [setup.pen.up] * 3
+    record = memory.record()
+    ink = [setup.kinematics.millimetres(np.array(s["points"], dtype=float)) for s in record["ink_touching"]]
+    assert len(ink) == 20
+    for k, line in enumerate(ink):
+        assert np.abs(line[:, 0] - (10 + 2 * k)).max() <= OFF_MM
+        assert sorted(line[[0, -1], 1]) == pytest.approx([10, 12], abs=OFF_MM)
+    assert result.progress.commands_executed == sum(isinstance(item, Command) for item in items)
+    lows = [event for event in record["pen_events"] if event[3] == setup.pen.low]
+    # Each pause on a low lift comes back to it, and there is one for each pair of strokes but the first and the last.
+    assert len(lows) >= 19 + 1
+    assert record["parser_blocked"] == []
+
+
+@pytest.mark.usefixtures("inline_producer")
+@pytest.mark.parametrize("firmware", ["3.0.3", "2.8.1"])
+@pytest.mark.parametrize("after_s", np.linspace(1.4, 2.6, 7))
+def test_a_stop_raises_a_pen_on_another_pin(firmware: str, after_s: float) -> None:
+    """Half-way down, on a low lift, or on the paper: SP,3 without its pin would move some other servo."""
+    items, setup = low_lifts(firmware=firmware, lift="brushless")
+    memory, stop = MemoryBoard(firmware), StopFlag()
+    board = connect(memory, clock=memory.clock, pen_pin=2)
+    began = memory.clock()
+
+    def operator(m: MemoryBoard) -> None:
+        if m.clock() - began > after_s and not stop.requested:
+            press("q", stop)
+
+    memory.on_receive = operator
+    assert board.stream(items, on_progress=lambda _: None, stop=stop).outcome == "stopped"
+    memory.host_stalls(0.5)
+    servo = memory.board.servo
+    assert servo.rp_pin == 5
+    assert servo.position(memory.board.now) == setup.pen.up
+    strays = [
+        line
+        for s in memory.record()["ink_touching"]
+        for line in [setup.kinematics.millimetres(np.array(s["points"], dtype=float))]
+        if (np.abs((line[:, 0] - 10) / 2 - np.round((line[:, 0] - 10) / 2)) > OFF_MM).any() or not (line[:, 1] > 9.97).all()
+    ]
+    assert strays == []
+
+
+def test_a_pen_lift_is_told_to_the_board_whatever_it_drove_before() -> None:
+    items = plotted(lift="brushless")[1]
+    assert [item.wire() for item in items[:2] if isinstance(item, Command)] == ["SC,1,2", "SC,8,1"]
+    items = plotted()[1]
+    board = Board("3.0.3", timed=False)
+    board.feed(b"SC,8,1\r")
+    for item in items[:8]:
+        if isinstance(item, Command):
+            board.feed(f"{item.wire()}\r".encode())
+    assert board.servo.channels == 8
+    assert [item.wire() for item in plotted(lift="solenoid")[1][:1] if isinstance(item, Command)] == ["SC,1,0"]
+    with pytest.raises(BadCommand, match=r"2\.2\.0"):
+        plotted(lift="brushless", firmware="1.9.5")

@@ -12,15 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.geometry.stroke import Layer, Stroke
+from planning.motion.limits import Kinematics, Limits
 from planning.ordering.arrange import OrderOptions, order_layers, travel
 from planning.ordering.duplicates import SAME_LINE_MM
 from planning.ordering.greedy import greedy_route
 from planning.ordering.improve import Costs, Effort, improve, near_nodes
 from planning.ordering.kicks import kick
-from planning.ordering.metric import euclidean, slowest_motor
+from planning.ordering.metric import Metric, euclidean, slowest_motor, travel_time
 from planning.ordering.tour import Tour
 
 HOME = np.zeros(2)
+COREXY = Kinematics(np.array([[80.0, 80.0], [80.0, -80.0]]), 25000.0)
+METRICS = [euclidean, slowest_motor(COREXY.steps_per_mm), travel_time(COREXY, Limits(200.0, 2000.0, 1e5))]
 COLORS = (None, "#000000", "#ff0000")
 
 
@@ -41,7 +44,7 @@ def drawings(draw: st.DrawFn, steps: tuple[float, ...] = (0.04, 1.0, 7.3)) -> li
             strokes.append(Stroke(points, corners, draw(st.sampled_from(COLORS))))
         if strokes and draw(st.booleans()):
             strokes.append(strokes[draw(st.integers(0, len(strokes) - 1))].reversed())
-        layers.append(Layer(k + 1, f"layer {k + 1}", tuple(strokes)))
+        layers.append(Layer(k + 1, f"{9 - k} layer", tuple(strokes)))
     return layers
 
 
@@ -65,7 +68,7 @@ def length(strokes: Sequence[Stroke]) -> float:
 
 OPTIONS = list(
     itertools.product(
-        ("none", "greedy", "best"),
+        ("none", "greedy", "best", "random"),
         (-1.0, 0.0, 0.1),
         (False, True),
         ("random", "same", "hidden", "free"),
@@ -76,21 +79,31 @@ OPTIONS = list(
 
 
 @settings(max_examples=50, deadline=None)
-@given(layers=drawings(), chosen=st.sampled_from(OPTIONS), reverse=st.booleans(), by=st.sampled_from(["layer", "color"]))
-def test_what_is_drawn_stays_what_was_drawn(layers: list[Layer], chosen: tuple, reverse: bool, by: str) -> None:
+@given(
+    layers=drawings(),
+    chosen=st.sampled_from(OPTIONS),
+    reverse=st.booleans(),
+    by=st.sampled_from(["layer", "number", "color"]),
+    costs=st.sampled_from(METRICS),
+    end=st.sampled_from([None, np.array([30.0, 5.0])]),
+)
+def test_what_is_drawn_stays_what_was_drawn(
+    layers: list[Layer], chosen: tuple, reverse: bool, by: str, costs: Metric, end: np.ndarray | None
+) -> None:
     order, tolerance, keep, seams, longest, interleave = chosen
     options = OrderOptions(
         order, 0.01, tolerance, keep, seams, reverse=reverse, interleave=interleave, max_stroke_mm=longest, by=by
     )
-    after = order_layers(layers, options, HOME)
+    after = order_layers(layers, options, HOME, costs, end)
     before_by_color = colours(layers)
     after_by_color = colours(after)
     assert before_by_color.keys() == after_by_color.keys()
     slack = max(tolerance, 0.0) + 3 * SAME_LINE_MM + 1e-6
     for color, strokes in before_by_color.items():
         assert same_ink(strokes, after_by_color[color], slack)
-    if by == "layer":
-        expected = [layer.number for layer in layers][:: -1 if reverse else 1]
+    if by != "color":
+        in_turn = sorted(layers, key=lambda layer: -layer.number) if by == "number" else layers
+        expected = [layer.number for layer in in_turn][:: -1 if reverse else 1]
         assert [layer.number for layer in after] == expected
         for layer in after:
             assert same_ink(layers[layer.number - 1].strokes, layer.strokes, slack)
@@ -112,7 +125,7 @@ def colours(layers: Sequence[Layer]) -> dict[str | None, list[Stroke]]:
 @settings(max_examples=40, deadline=None)
 @given(
     layers=drawings(),
-    order=st.sampled_from(["none", "greedy", "best"]),
+    order=st.sampled_from(["none", "greedy", "best", "random"]),
     seams=st.sampled_from(["random", "same", "hidden", "free"]),
 )
 def test_with_duplicates_kept_the_length_is_kept(layers: list[Layer], order: str, seams: str) -> None:
@@ -157,15 +170,15 @@ def test_drawn_once_means_once(layers: list[Layer]) -> None:
 @settings(max_examples=40, deadline=None)
 @given(layers=drawings(), tolerance=st.sampled_from([-1.0, 0.0, 0.1]), seams=st.sampled_from(["same", "hidden", "free"]))
 def test_never_worse_than_the_file(layers: list[Layer], tolerance: float, seams: str) -> None:
+    """By whatever travel costs."""
     one = [Layer(1, "all", colours(layers)[color], color) for color in list(colours(layers))[:1]]
-    for metric_end in (None, np.array([30.0, 5.0])):
+    for end_mm, metric in itertools.product((None, np.array([30.0, 5.0])), METRICS):
         if not one:
             return
-        file_cost = travel(one[0].strokes, HOME, end_mm=metric_end)
+        file_cost = travel(one[0].strokes, HOME, metric, end_mm)
         for order in ("greedy", "best"):
-            after = order_layers(one, OrderOptions(order, 0.01, tolerance, True, seams), HOME, end_mm=metric_end)
-            cost = travel(after[0].strokes, HOME, end_mm=metric_end)
-            assert cost <= file_cost + 1e-9
+            after = order_layers(one, OrderOptions(order, 0.01, tolerance, True, seams), HOME, metric, end_mm)
+            assert travel(after[0].strokes, HOME, metric, end_mm) <= file_cost * (1 + 1e-9) + 1e-9
 
 
 @settings(max_examples=20, deadline=None)

@@ -30,7 +30,8 @@ def commands(items: list[Command | Mark]) -> list[Command]:
 
 def test_the_head_sets_the_pen_raises_it_and_starts_at_half_a_step() -> None:
     assert list(prologue(setup_for())) == [
-        SC(4, 16000), SC(5, 24000), SC(11, 400), SC(12, 300), SR(60000, 1), EM(1, 1), SP(1, 500), LT(1, 2**30, 0, 2**30, 0),
+        SC(1, 2), SC(8, 8), SC(4, 16000), SC(5, 24000), SC(11, 400), SC(12, 300), SR(60000, 1), EM(1, 1), SP(1, 500),
+        LT(1, 2**30, 0, 2**30, 0),
     ]  # fmt: skip
     old = list(prologue(setup_for("1.8.0")))
     assert SC(10, 400) in old and not [c for c in old if isinstance(c, SR | LT)]

@@ -10,12 +10,13 @@ import pytest
 from output.ebb.commands import CU, EM, SC, SM, SP, Command
 from output.ebb.control import StopFlag
 from output.ebb.flow import QueueModel
+from output.ebb.producer import Item
 from output.ebb.program import LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
 from output.ebb.session import StreamResult, connect
 from output.ebb.stream import LEAD_S, Progress, State
 from output.errors import BadCommand, BoardRefused, LinkLost
 from tests.output.fake_ebb import FakeEbb
-from tests.output.inline_producer import inline_producer  # noqa: F401 - a fixture
+from tests.output.inline_producer import InlineProducer, inline_producer  # noqa: F401 - a fixture
 
 pytestmark = pytest.mark.usefixtures("inline_producer")
 
@@ -122,6 +123,35 @@ def test_planning_runs_ahead_while_sending() -> None:
     result, _ = plot(fake, slow())
     assert result.outcome == "done"
     assert result.progress.strokes_done == 3
+
+
+def test_a_planner_that_is_slow_at_first_does_not_stop_the_first_travel_at_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing moves before a second of motion is there: a motion cut off in its middle would be a jerk of the machine."""
+
+    class SlowAtFirst(InlineProducer):
+        """Its fifth item comes half a second after the fourth, by the board's clock."""
+
+        def has_s(self, seconds: float) -> bool:
+            return seconds <= 0.1 or fake.now > began + 0.5
+
+        def peek(self) -> Item | None:
+            return super().peek() if self._taken < 5 or fake.now > began + 0.5 else None
+
+        def take(self) -> None:
+            self._taken += 1
+            super().take()
+
+        _taken = 0
+
+    monkeypatch.setattr("output.ebb.stream.Producer", SlowAtFirst)
+    fake = FakeEbb()
+    board = connect(fake, clock=fake.clock)
+    board.queue_depth()
+    began = fake.now
+    items = [SP(1, 10), SM(40, 10, 10), *[SM(40, 90, 90)] * 6]
+    result = board.stream(items, on_progress=lambda _: None, stop=StopFlag())
+    assert result.outcome == "done"
+    assert [wire for _, wire in fake.gaps if wire.startswith("SM")] == ["SM,40,10,10"]
 
 
 def test_an_error_of_the_program_ends_the_plot_with_the_pen_up() -> None:

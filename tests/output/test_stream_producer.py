@@ -10,6 +10,7 @@ import pytest
 
 from output.ebb.commands import SM
 from output.ebb.producer import Item, Producer
+from output.ebb.program import StrokeMark
 
 
 def wait_for(condition: object, timeout_s: float = 3.0) -> None:
@@ -95,3 +96,28 @@ def test_a_planner_that_is_busy_is_not_waited_for() -> None:
     began = time.monotonic()
     producer.close()
     assert time.monotonic() - began < 1.5
+
+
+def test_how_much_is_ready_is_counted_in_board_time() -> None:
+    go = threading.Event()
+
+    def program() -> Iterator[Item]:
+        yield StrokeMark(0)
+        yield SM(300, 1, 1)
+        go.wait(5)
+        yield SM(300, 1, 1)
+        go.clear()
+        go.wait(5)
+
+    producer = Producer(program(), lambda: None)
+    wait_for(lambda: producer.has_s(0.25))
+    assert not producer.has_s(0.5)
+    go.set()
+    wait_for(lambda: producer.has_s(0.5))
+    assert not producer.has_s(5.0)
+    go.set()
+    wait_for(lambda: producer.has_s(5.0))
+    producer.close()
+    full = Producer((SM(1, 1, 1) for _ in iter(int, 1)), lambda: None, capacity=20)
+    wait_for(lambda: full.has_s(1000.0))
+    full.close()

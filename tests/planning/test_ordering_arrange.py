@@ -7,13 +7,15 @@ import pytest
 from scipy.spatial import cKDTree
 
 from planning.geometry.stroke import Layer, Stroke
+from planning.motion.limits import Kinematics, Limits
+from planning.motion.travel import travel as plan_travel
 from planning.ordering.arrange import OrderOptions, order_layers, travel
 from planning.ordering.cutting import cut, interleaved
 from planning.ordering.duplicates import draw_once
 from planning.ordering.greedy import greedy_route
 from planning.ordering.joining import join_strokes
 from planning.ordering.junctions import junctions
-from planning.ordering.metric import euclidean, slowest_motor
+from planning.ordering.metric import euclidean, slowest_motor, travel_time
 from planning.ordering.seams import overdraw, places, start_at
 
 HOME = np.zeros(2)
@@ -293,3 +295,24 @@ def test_a_million_segments_pass() -> None:
     result = ordered(strokes, order="greedy", keep_duplicates=True)
     assert sum(len(s.points_mm) for s in result) >= 20_000 * 51 - (20_000 - len(result))
     assert travel(result, HOME) < 0.01 * travel(strokes, HOME)
+
+
+def test_the_time_of_a_travel_is_what_travel_takes() -> None:
+    """Within the ticks that the plan rounds up to, on a CoreXY machine, from ten micrometres to ten metres."""
+    limits, kinematics = Limits(200.0, 2000.0, 1e5), Kinematics(np.array([[80.0, 80.0], [80.0, -80.0]]), 25000.0)
+    metric, far = travel_time(kinematics, limits), ((-9e3, -9e3), (9e3, 9e3))
+    rng = np.random.default_rng(0)
+    ways = rng.normal(size=(300, 2)) * np.geomspace(3e-2, 4000, 300)[:, None]
+    known = [plan_travel(np.zeros(2), way, limits, kinematics, far).total_s for way in ways]
+    np.testing.assert_allclose(metric(np.zeros((300, 2)), ways), known, atol=4e-4)
+    assert metric(np.zeros((1, 2)), np.zeros((1, 2)))[0] == 0
+    np.testing.assert_allclose(metric(ways, ways[::-1]), metric(ways[::-1], ways))
+
+
+def test_a_layer_ends_where_the_next_one_begins() -> None:
+    """A row that could be drawn either way round, and a layer at one end of it."""
+    row = tuple(Stroke(np.array([[10.0 * k, 50.0], [10.0 * k + 4, 50.0]])) for k in range(10))
+    for x in (-30.0, 130.0):
+        next_one = Layer(2, "next", (Stroke(np.array([[x, 50.0], [x, 60.0]])),))
+        after = order_layers([Layer(1, "row", row), next_one], OrderOptions(join_tolerance_mm=-1.0), np.array([47.0, 0.0]))
+        assert abs(after[0].strokes[-1].points_mm[-1, 0] - x) < 50

@@ -1,7 +1,9 @@
 """Settings: bounds where they are read, origins, and refusals that name the value."""
 
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from plotter import units
@@ -101,6 +103,54 @@ def test_every_machine_profile_loads_with_its_pen_lift(name: str) -> None:
     assert lift.up_pulse > lift.down_pulse
     assert 0.05 < lift.lift_s() < 0.5
     assert 0.05 < lift.lower_s() < 0.5
+
+
+OWN = """
+title = "mine"
+board = "ebb"
+width_mm = 420.0
+height_mm = 297.0
+steps_per_mm = [[160.0, 0.0], [0.0, 160.0]]
+max_step_rate = 24900.0
+pen_lift = "brushless"
+"""
+
+
+def test_a_machine_of_ones_own_is_a_file_that_is_found_again_from_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.toml").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    values = resolve({"machine": "mine.toml"}).values
+    monkeypatch.chdir("/")
+    machine = values.machine_profile()
+    assert (machine.width_mm, machine.title) == (420.0, "mine")
+    assert values.pen_lift().title == load_pen_lift("brushless").title
+    assert machine.kinematics().steps(np.array([[1.0, 2.0]])).tolist() == [[160.0, 320.0]]
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        (("width_mm = 420.0", "width_mm = -1.0"), "width_mm = -1.0 must be more than 0"),
+        (("24900.0", "60000.0"), "max_step_rate = 60000.0 must be at most 25000"),
+        (('"mine"', '"mine"\ncolour = 3'), "there is no setting 'colour'"),
+        (("title =", "titel ="), "title is missing"),
+        (("[0.0, 160.0]", "[160.0, 0.0]"), "a (2, 2) matrix that can be inverted"),
+        (("brushless", "magnet"), "there is no pen lift 'magnet'"),
+        (("[[160.0", "[160.0"), "is not TOML"),
+    ],
+)
+def test_a_machine_file_that_says_something_wrong_is_refused(tmp_path: Path, change: tuple[str, str], part: str) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(OWN.replace(*change))
+    with pytest.raises(BadInput, match=re.escape(part)):
+        load_machine(str(file))
+
+
+def test_a_machine_file_that_is_not_there_is_named() -> None:
+    with pytest.raises(BadInput, match=r"cannot read the machine profile /nowhere/mine\.toml"):
+        load_machine("/nowhere/mine.toml")
 
 
 def test_the_default_machine_is_the_axidraw_v3_and_there_are_others() -> None:

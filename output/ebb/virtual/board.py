@@ -227,18 +227,21 @@ class Board:
     def _ran(self, running: Running, ticks: int) -> None:
         self.recorder.ran(running, ticks, moving=self.supply.on and all(self.motors_on))
 
-    def _move_pen(self, entry: PenMove, tick: int) -> None:
-        if entry.command in ("SP", "TP"):
-            # The pen is whatever SP moves, on whichever pin.
+    def _move_pen(self, entry: PenMove, tick: int, *, queued: bool = True) -> None:
+        if entry.command in ("SP", "TP") and queued:
+            # The pen is whatever the queue's SP moves, on whichever pin.
             self.servo.rp_pin = entry.rp_pin
         elif entry.rp_pin != self.servo.rp_pin:
+            if entry.command in ("SP", "TP"):
+                self.servo.up = entry.target == self.servo.minimum
+                self.recorder.servo_changed(tick, self.servo)
             return
         self.servo.send(entry.target, entry.rate, tick)
         self.recorder.servo_changed(tick, self.servo, brief=entry.command == "SP" and entry.ticks <= 1)
 
     def send_pen(self, entry: PenMove) -> None:
         """SP,2 and SP,3: the servo starts now, whatever the queue holds."""
-        self._move_pen(entry, self.now)
+        self._move_pen(entry, self.now, queued=False)
 
     def retarget_queued_pen_moves(self, target: int) -> None:
         """SP,3: nothing that waits in the queue lowers the pen any more."""

@@ -131,7 +131,9 @@ class FaultScript:
             self._later(moment[1], moment[2], board)
         if not self.faults:
             return outcomes
-        strokes = sum(1 for e in board.recorder.pen_events if not e.up) if any(f.stroke is not None for f in self.faults) else 0
+        strokes = (
+            sum(1 for e in board.recorder.pen_events if e.lowered) if any(f.stroke is not None for f in self.faults) else 0
+        )
         for fault in list(self.faults):
             if (fault.tick is not None and fault.tick <= now) or (fault.stroke is not None and strokes > fault.stroke):
                 fault.armed = True

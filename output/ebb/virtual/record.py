@@ -51,8 +51,8 @@ class Gap:
 class PenEvent:
     """The servo was sent to `target`: from `position` at `tick`, there at `arrival`. `up` as QP reports it.
 
-    As commanded, the pen is up or down from `counts_from` on: at once, but a pen that is lowered in the midst of a motion is
-    down only when it touches.
+    As commanded, the pen is `lowered` or lifted from `counts_from` on: at once, but a pen that is lowered in the midst of a
+    motion is down only when it touches. On a low lift it is neither up nor lowered.
     """
 
     tick: int
@@ -61,6 +61,7 @@ class PenEvent:
     target: int
     arrival: int
     counts_from: int
+    lowered: bool
 
 
 @dataclass(slots=True)
@@ -109,7 +110,8 @@ class Recorder:
         counts_from = tick
         if brief and not servo.up and self._previous_stepper and max(map(abs, self._last_rates)) > _REST_RATE:
             counts_from = servo.touch_change() or tick
-        self.pen_events.append(PenEvent(tick, servo.up, servo.position(tick), servo.target, servo.travel_end(), counts_from))
+        position, arrival = servo.position(tick), servo.travel_end()
+        self.pen_events.append(PenEvent(tick, servo.up, position, servo.target, arrival, counts_from, servo.lowered))
         while self.touch_changes and self.touch_changes[-1][0] > tick:
             self.touch_changes.pop()
         touching = servo.touches(servo.position(tick))
@@ -139,7 +141,7 @@ class Recorder:
         gap = tick - motion.idle_since
         start_rates = motion.rates(tick)
         if gap and self._previous_stepper:
-            down = bool(self.pen_events) and not self.pen_events[-1].up
+            down = bool(self.pen_events) and self.pen_events[-1].lowered
             self.gaps.append(Gap(motion.idle_since, gap, down, self._last_rates))
         before = (0, 0) if gap or not self._previous_stepper else self._last_rates
         jump = max(abs(start_rates[0] - before[0]), abs(start_rates[1] - before[1]))
@@ -227,8 +229,8 @@ class Recorder:
         changes = []
         for event, after in zip(self.pen_events, [*self.pen_events[1:], None], strict=True):
             tick = event.counts_from if after is None else min(event.counts_from, after.tick)
-            if tick == event.counts_from or not (after and after.up):
-                changes.append((tick, not event.up))
+            if tick == event.counts_from or (after and after.lowered):
+                changes.append((tick, event.lowered))
         return changes
 
     def _sample_ticks(self) -> NDArray[np.int64]:

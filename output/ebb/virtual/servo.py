@@ -66,6 +66,11 @@ class Servo:
         self.up = target == self.minimum
         self.power(tick)
 
+    @property
+    def lowered(self) -> bool:
+        """Sent nearer to pen down than to pen up: S2 may send it anywhere between, which is not `up` as QP has it."""
+        return not self.up and abs(self.target - self.maximum) <= abs(self.target - self.minimum)
+
     def power(self, tick: int) -> None:
         """Power the servo and start its countdown."""
         self.powered = True

@@ -1,0 +1,85 @@
+"""What is drawn first, while the rest is still being put in order.
+
+To put a large drawing in order takes seconds in which nothing would move. Its opening, some strokes near the start, is put in
+order by itself and at once; drawing it takes longer than ordering what is left, which then goes on from the opening's end. All
+of it is counted in strokes and nominal seconds, never timed, so that the same drawing comes in the same order everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from planning.geometry.stroke import Stroke
+from planning.ordering.metric import Array
+from planning.ordering.route import KICKS_PER_S, KICKS_PER_STROKE, QUICK_STROKES_PER_S, SEAM_ROUNDS, THOROUGH_STROKES_PER_S
+
+# Seconds that joining, overlaps and the greedy route take, on a core of 2024.
+PREPARING_S_PER_STROKE = 5e-5
+PREPARING_S_PER_VERTEX = 8e-6
+# What takes less than this is waited for.
+SOON_S = 0.3
+# The opening is drawn for so many times as long as ordering the rest takes: the machine may be slower, or busy.
+LEAD = 2.0
+# What is joined stays together unless the opening becomes so many times longer by it.
+WHOLE = 3.0
+# A drawing of which nearly all would be the opening has none.
+GREATEST_SHARE = 0.8
+# What improving the opening may cost.
+BUDGET_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """About how fast the machine draws: seconds for each stroke's lifts and travel, and millimetres a second along it."""
+
+    stroke_s: float
+    draw_mm_s: float
+
+    def seconds(self, strokes: Sequence[Stroke]) -> Array:
+        """How long each stroke takes, (n,)."""
+        return np.array([self.stroke_s + stroke.length_mm / self.draw_mm_s for stroke in strokes])
+
+
+def ordering_s(strokes: Sequence[Stroke], *, best: bool, budget_s: float) -> float:
+    """Nominal seconds that it takes to put these strokes in order."""
+    count = len(strokes)
+    preparing_s = count * PREPARING_S_PER_STROKE + sum(len(s.points_mm) for s in strokes) * PREPARING_S_PER_VERTEX
+    if not best:
+        return preparing_s
+    rounds_s = SEAM_ROUNDS * count / QUICK_STROKES_PER_S + count / THOROUGH_STROKES_PER_S
+    return preparing_s + min(budget_s, rounds_s + KICKS_PER_STROKE * count / KICKS_PER_S)
+
+
+def opening(strokes: Sequence[Stroke], start_mm: Array, lead_s: float, pace: Pace, *, near: bool) -> list[int]:
+    """Numbers of the strokes to begin with, rising: those nearest to `start_mm` (2,), or else the first ones, whose drawing
+    takes `lead_s`. Strokes whose ends meet stay together as far as that goes. Empty when that would be nearly all of them.
+    """
+    ends = np.array([(s.points_mm[0], s.points_mm[-1]) for s in strokes])
+    figure = _figures(ends)
+    count = np.arange(len(strokes))
+    away = np.hypot(*(ends - start_mm).transpose(2, 0, 1)).min(axis=1) if near else count.astype(np.float64)
+    nearest = np.full(figure.max() + 1, np.inf)
+    np.minimum.at(nearest, figure, away)
+    turn = np.lexsort((away, figure, nearest[figure])) if near else count
+    until_s = np.cumsum(pace.seconds([strokes[k] for k in turn.tolist()]))
+    least = int(np.searchsorted(until_s, lead_s)) + 1
+    if least >= GREATEST_SHARE * len(strokes):
+        return []
+    border = np.flatnonzero(np.diff(figure[turn])) + 1  # places where one figure ends and another begins
+    whole = border[border >= least]
+    take = int(whole[0]) if whole.size and until_s[whole[0] - 1] <= WHOLE * max(lead_s, float(until_s[least - 1])) else least
+    return sorted(turn[:take].tolist()) if take < GREATEST_SHARE * len(strokes) else []
+
+
+def _figures(ends: Array) -> NDArray[np.int64]:
+    """Which figure each stroke belongs to: strokes whose very ends (n, 2, 2) meet are of one."""
+    count = len(ends)
+    place = np.unique(np.round(ends.reshape(-1, 2), 3) @ [1, 1j], return_inverse=True)[1].reshape(count, 2)
+    link = coo_array((np.ones(count, dtype=np.int8), (place[:, 0], place[:, 1])), shape=(2 * count, 2 * count))
+    return np.asarray(connected_components(link, directed=False)[1][place[:, 0]], dtype=np.int64)
