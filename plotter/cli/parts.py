@@ -151,9 +151,11 @@ def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFl
 
 
 def _without_pauses(actions: Iterator[Action]) -> Iterator[Action]:
-    """A virtual board with nobody at a keyboard: a pause would never end, so it is said and passed over."""
+    """A virtual board with nobody at a keyboard: a pause would never end, so it is said, once for each, and passed over."""
+    said: set[str] = set()
     for action in actions:
-        if isinstance(action, OperatorPause):
-            notes([f"the pause '{action.message}' is passed over: nobody is at a keyboard"])
-        else:
+        if not isinstance(action, OperatorPause):
             yield action
+        elif action.message not in said:
+            said.add(action.message)
+            notes([f"the pause '{action.message}' is passed over: nobody is at a keyboard"])

@@ -37,9 +37,9 @@ def drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
-def plotting(drawing: Path, board: VirtualBoard, **streams: Any) -> subprocess.Popen[bytes]:
+def plotting(drawing: Path, board: VirtualBoard, *flags: str, **streams: Any) -> subprocess.Popen[bytes]:
     code = "import sys; from plotter.cli.main import main; main(sys.argv[1:])"
-    command = [sys.executable, "-c", code, "plot", str(drawing), "--port", board.port]
+    command = [sys.executable, "-c", code, "plot", str(drawing), "--port", board.port, *flags]
     streams.setdefault("stdin", subprocess.DEVNULL)
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=os.environ, **streams)
 
@@ -91,6 +91,35 @@ def test_killed_and_resumed(after_s: float, drawing: Path, capsys: pytest.Captur
         assert state["pen_up"]
         assert run(["resume", "--port", board.port]) == 2
         assert "finished" in capsys.readouterr().err
+
+
+def test_a_plot_from_where_the_pen_was_is_resumed(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its order depends on where it began, and its counters went on from there."""
+    with start_virtual_board() as board:
+        assert run(["move", "--to", "95mm", "55mm", "--port", board.port]) == 0
+        process = plotting(drawing, board, "--start", "here", "--end", "stay")
+        time.sleep(4.0)
+        process.kill()
+        process.communicate(timeout=30)
+        assert run(["resume", "--port", board.port]) == 0, capsys.readouterr().err
+        check_whole(board, drawing)
+
+
+def test_a_plot_with_dips_is_resumed(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is left begins with a dip, and the ink beside the well is the drawing."""
+    with start_virtual_board() as board:
+        process = plotting(drawing, board, "--reink-every", "60mm", "--well", "150mm,5mm", "--dip", "100ms")
+        wait_for_motion(board)
+        time.sleep(5.0)
+        process.kill()
+        process.communicate(timeout=30)
+        assert run(["resume", "--port", board.port]) == 0, capsys.readouterr().err
+        lines = [line for line in ink(board) if np.abs(line - (150.0, 5.0)).max() > 0.02]
+        assert len(ink(board)) - len(lines) >= 4
+        wanted = [stroke.points_mm for layer in read_drawing(drawing).layers for stroke in layer.strokes]
+        deviation = compare(lines, wanted)
+        assert deviation.drawn.max_mm <= 0.05
+        assert deviation.wanted.max_mm <= 0.05
 
 
 def test_killed_twice(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
