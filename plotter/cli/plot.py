@@ -24,8 +24,8 @@ from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
 from plotter.cli.streaming import Ended, finish, patience_s
 from plotter.errors import BadInput
+from plotter.journals import given_up, journal_path
 from plotter.journals import head as journal_head
-from plotter.journals import journal_path
 from plotter.pipeline import Job, prepare
 from plotter.preview.picture import draw_ink
 from plotter.units import spoken_duration
@@ -83,6 +83,7 @@ def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | Non
 @contextmanager
 def _begun(head: dict[str, Any]) -> Iterator[Journal | None]:
     """The plot's journal; without a place for one the plot goes on, and cannot be resumed."""
+    notes([sentence for sentence in [given_up()] if sentence])
     try:
         journal = Journal.begin(journal_path(), head)
     except OSError as error:
