@@ -81,7 +81,8 @@ def plot_in_parts(
 
 def _note_part(board: Board, journal: Journal | None, part: Part | None) -> None:
     if journal is not None:
-        journal.part({**({} if part is None else asdict(part)), "token": board.begin_job()})
+        facts = {} if part is None else asdict(part)
+        journal.part({**facts, "token": board.begin_job(), "nickname": board.nickname() or ""})
 
 
 def _beginning(setup: BoardSetup, part: Part | None, stop: StopFlag) -> Iterator[Command | Mark]:
