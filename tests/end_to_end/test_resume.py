@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -48,9 +49,9 @@ def plotting(drawing: Path, board: VirtualBoard, *flags: str, **streams: Any) ->
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=os.environ, **streams)
 
 
-def wait_for_motion(board: VirtualBoard) -> None:
+def wait_for_motion(board: VirtualBoard, start: Sequence[int] = (0, 0)) -> None:
     deadline = time.monotonic() + 30
-    while board.state()["position"] == [0, 0] and time.monotonic() < deadline:
+    while board.state()["position"] == list(start) and time.monotonic() < deadline:
         time.sleep(0.02)
 
 
@@ -101,8 +102,10 @@ def test_a_plot_from_where_the_pen_was_is_resumed(drawing: Path, capsys: pytest.
     """Its order depends on where it began, and its counters went on from there."""
     with start_virtual_board() as board:
         assert run(["move", "--to", "95mm", "55mm", "--port", board.port]) == 0
+        here = board.state()["position"]
         process = plotting(drawing, board, "--start", "here", "--end", "stay")
-        time.sleep(4.0)
+        wait_for_motion(board, here)
+        time.sleep(2.0)
         process.kill()
         process.communicate(timeout=30)
         assert run(["resume", "--port", board.port]) == 0, capsys.readouterr().err
