@@ -19,6 +19,7 @@ from output.errors import BoardRefused, LinkLost
 # The slowest command to parse takes the board 6 ms; the rest of this second is for a busy host and a slow USB hub.
 REPLY_TIMEOUT_S = 1.0
 _LONGEST_WAIT_S = 0.25
+_CLOCKS_TOGETHER_S, _CLOCK_READINGS = 0.05, 20
 
 Clock = Callable[[], float]
 
@@ -112,9 +113,20 @@ class Conversation:
 
 
 def suspended_s() -> float:
-    """For how long this computer has been asleep since it was started; 0 where the system does not tell."""
+    """For how long this computer has been asleep since it was started; 0 where the system does not tell.
+
+    The two clocks cannot be read at one moment. A reading that was itself held up, on a busy computer, is done again: it would
+    look like a sleep.
+    """
     boot = getattr(time, "CLOCK_BOOTTIME", None)
-    return 0.0 if boot is None else time.clock_gettime(boot) - time.clock_gettime(time.CLOCK_MONOTONIC)
+    if boot is None:
+        return 0.0
+    for _ in range(_CLOCK_READINGS):
+        before_s = time.clock_gettime(time.CLOCK_MONOTONIC)
+        boot_s = time.clock_gettime(boot)
+        if time.clock_gettime(time.CLOCK_MONOTONIC) - before_s < _CLOCKS_TOGETHER_S:
+            break
+    return boot_s - before_s
 
 
 def complaint(event: Event, context: str) -> BoardRefused | LinkLost:

@@ -18,6 +18,12 @@ Item = Command | Mark
 # About a minute of ordinary drawing; bounds memory, while a slow stretch of planning finds this much in reserve.
 BUFFER_ITEMS = 4096
 _JOIN_S = 0.5
+_THREAD_NAME = "plan-ahead"
+
+
+def still_planning() -> bool:
+    """Whether a planner that nobody waits for any more is still busy."""
+    return any(thread.name == _THREAD_NAME for thread in threading.enumerate())
 
 
 class Producer:
@@ -32,7 +38,7 @@ class Producer:
         self._ended = False
         self._closed = False
         self._changed = threading.Condition()
-        self._thread = threading.Thread(target=self._run, daemon=True, name="plan-ahead")
+        self._thread = threading.Thread(target=self._run, daemon=True, name=_THREAD_NAME)
         self._thread.start()
 
     def peek(self) -> Item | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import sys
 import traceback
 from contextlib import suppress
@@ -78,7 +79,16 @@ def cli() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 1 internal, 2 bad input, 3 refused, 4 link lost, 5 paused, 130 interrupted."""
-    sys.exit(run(arguments))
+    code = run(arguments)
+    producer = sys.modules.get("output.ebb.producer")
+    if producer is not None and producer.still_planning():
+        # A plot that was ended early: everything is said and closed, and taking the interpreter down around a thread that is
+        # in the middle of a computation makes extension modules complain on the terminal.
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def run(arguments: list[str] | None = None) -> int:

@@ -61,6 +61,8 @@ def plot_in_parts(
             total = _together(total, result.progress)
             if result.outcome == "held" and items.place is not None:
                 part = part_after(setup, part, items.place)
+                if layers_left(job.ordering, part)[1] > part.stroke:  # it came to rest on the stroke's very end
+                    total = replace(total, strokes_done=total.strokes_done + 1)
             elif result.outcome == "left" and result.steps is not None:
                 part = _part_left(job, setup, part, result.progress.strokes_done, result.steps)
             else:

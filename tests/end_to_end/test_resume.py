@@ -281,3 +281,17 @@ def test_a_new_plot_says_what_it_takes_the_place_of(drawing: Path, capsys: pytes
         assert f"the plot of {drawing}, begun 20" in said
         assert "was interrupted after" in said
         assert given_up() is None
+
+
+def test_a_plot_that_ends_while_it_is_still_being_ordered_ends_quietly(drawing: Path) -> None:
+    rng = np.random.default_rng(2)
+    places = rng.uniform((10, 10), (90, 50), (3000, 2)).round(2).tolist()
+    drawing.write_text(DRAWING.replace("</svg>", "".join(f'<path d="M{x} {y}h1"/>' for x, y in places) + "</svg>"))
+    with start_virtual_board() as board:
+        process = plotting(drawing, board)
+        wait_for_motion(board)
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=30)
+        assert process.returncode == 130
+        assert len(errors.decode().splitlines()) == 1, errors.decode()
+        check_stopped(board)

@@ -16,7 +16,7 @@ import pytest
 from output.ebb.abilities import abilities_of
 from output.ebb.commands import EM, SC, SM, SP
 from output.ebb.control import StopFlag
-from output.ebb.conversation import Conversation
+from output.ebb.conversation import Conversation, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.journal import Journal, load
 from output.ebb.program import StrokeEnd
@@ -357,6 +357,20 @@ def test_a_journal_tells_when_its_plot_began(tmp_path: Path) -> None:
 
 
 # clocks
+
+
+def test_a_busy_computer_is_not_taken_for_a_sleeping_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Held up for a second between the readings of two clocks, as it happens at high load."""
+    now, calls = [1000.0], [0]
+
+    def read(clock: int) -> float:
+        calls[0] += 1
+        if calls[0] in (2, 3, 8):
+            now[0] += 1.0
+        return now[0] + (500.0 if clock == time.CLOCK_BOOTTIME else 0.0)
+
+    monkeypatch.setattr(time, "clock_gettime", read)
+    assert [suspended_s() for _ in range(4)] == [500.0] * 4
 
 
 def test_nothing_is_timed_by_the_wall_clock() -> None:

@@ -9,7 +9,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from plotter.cli.main import LazyGroup, cli, run
+import output.ebb.producer  # noqa: F401 - loaded, as it is when something was plotted
+from plotter.cli.main import LazyGroup, cli, main, run
 
 HERE = Path(__file__).parent / "help"
 COMMANDS = sorted(LazyGroup.homes)
@@ -50,3 +51,17 @@ def test_an_error_inside_the_program_has_its_own_exit_code(
     monkeypatch.setattr("plotter.cli.settings.machine_names", broken)
     assert run(["machines"]) == 1
     assert "planted" in capsys.readouterr().err
+
+
+def test_a_planner_that_is_still_busy_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[int] = []
+    monkeypatch.setattr("os._exit", ended.append)
+    monkeypatch.setattr("output.ebb.producer.still_planning", lambda: True)
+    with pytest.raises(SystemExit):
+        main(["machines", "--nonsense"])
+    assert ended == [2]
+    monkeypatch.setattr("output.ebb.producer.still_planning", lambda: False)
+    with pytest.raises(SystemExit) as ending:
+        main(["machines"])
+    assert ending.value.code == 0
+    assert ended == [2]
