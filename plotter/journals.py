@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
+from datetime import datetime
 from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
@@ -55,6 +56,17 @@ def interrupted_plot() -> PlotState:
     if state.head.get("file") == "-":
         raise BadInput("the interrupted plot was read from standard input, which is gone: save the drawing and plot it anew")
     return state
+
+
+def given_up() -> str | None:
+    """The interrupted plot whose place a new one takes, in a sentence; None when there is none."""
+    state = load(journal_path())
+    if state is None or not state.interrupted:
+        return None
+    began = datetime.fromtimestamp(state.began_s).strftime("%Y-%m-%d %H:%M") if state.began_s else "some time ago"
+    drawn = f"interrupted after {len(state.strokes_done)} strokes"
+    told = f"the plot of {state.head.get('file')}, begun {began}, was {drawn}"
+    return f"{told}; this one takes its place, so that it can no longer be resumed"
 
 
 def made_again(state: PlotState) -> Job:

@@ -23,6 +23,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+import time
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -36,7 +37,8 @@ from output.ebb.stream import Progress
 SYNC_EVERY_S = 1.0
 # How many commands are written ahead at a time: a place is looked for among this many and the queue.
 _LEASE = 32
-FORMAT = 1
+# Another number wherever an older journal would be misread, or its plot made again in another order.
+FORMAT = 2
 
 
 class Journal:
@@ -63,7 +65,7 @@ class Journal:
         fresh = path.with_name(path.name + ".new")
         descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
         journal = cls(path, descriptor)
-        journal._write({"kind": "head", "format": FORMAT, **head})
+        journal._write({"kind": "head", "format": FORMAT, "began_s": int(time.time()), **head})
         os.fsync(descriptor)
         fresh.replace(path)
         return journal
@@ -168,7 +170,8 @@ class PlotState:
 
     `executed` commands are drawn for certain, at most `sent` can be; `strokes_done` are drawn whole, over all parts; `stroke`
     is the one that was being drawn (None: none, as far as is known) and `steps` the last executed position that was noted.
-    `ended` is why the plot ended, None when it was cut off. `damaged` lines were skipped.
+    `ended` is why the plot ended, None when it was cut off. `damaged` lines were skipped. `began_s` is when the plot began, for
+    a person to read and nothing else (Unix seconds of the wall clock); None when unknown.
     """
 
     head: Mapping[str, Any]
@@ -182,6 +185,7 @@ class PlotState:
     board_time_s: float
     ended: str | None
     damaged: int
+    began_s: float | None = None
 
     @property
     def interrupted(self) -> bool:
@@ -259,6 +263,7 @@ def load(path: Path) -> PlotState | None:
         board_time_s=reading.board_time_s,
         ended=reading.ended,
         damaged=damaged,
+        began_s=float(head["began_s"]) if isinstance(head.get("began_s"), int | float) else None,
     )
 
 
@@ -280,7 +285,9 @@ def _pair(value: object) -> tuple[int, int] | None:
     return None
 
 
-def differences(then: Mapping[str, Any], now: Mapping[str, Any], *, ignore: Sequence[str] = ("kind", "format")) -> list[str]:
+def differences(
+    then: Mapping[str, Any], now: Mapping[str, Any], *, ignore: Sequence[str] = ("kind", "format", "began_s")
+) -> list[str]:
     """What is not as it was, one phrase each: "pen-down speed was 25, is 30". Nested mappings are compared key by key."""
     found = []
     for key in sorted({*then, *now} - set(ignore)):

@@ -83,7 +83,7 @@ def solve(
     for a in range(3):
         right[a:, 0] += (lay.value[a] * pull_x)[: m - a]
         right[a:, 1] += (lay.value[a] * pull_y)[: m - a]
-    _add_anchors(band, right, anchors, anchor_weight)
+    add_anchors(band, right, anchors, anchor_weight)
     heavy = FIXED * band[BANDS].max()
     band[BANDS, fixed.row] += heavy
     right[fixed.row] += heavy * fixed.value
@@ -95,7 +95,7 @@ def solve(
     return np.asarray(control)
 
 
-def _add_anchors(band: Array, right: Array, anchors: Anchors, weight: Array) -> None:
+def add_anchors(band: Array, right: Array, anchors: Anchors, weight: Array) -> None:
     if not len(anchors.row):
         return
     xx, xy, yy = (anchors.metric * weight[:, None]).T

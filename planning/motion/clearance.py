@@ -1,7 +1,8 @@
 """How high the pen is while it rises and falls, as far as it is known.
 
-Heights are shares of the way from pen down (0) to pen up (1). The servo's pulse moves evenly; the tip follows it between at
-once and `late_s` later. Where the paper is, nobody has told the program: somewhere between `touch_low` and `touch_high`.
+Heights are shares of the way from pen down (0) to pen up (1). The servo's pulse moves in steps; the tip is between `early_s`
+ahead of an even way and `late_s` behind it. Where the paper is, nobody has told the program: somewhere between `touch_low` and
+`touch_high`.
 
     1 ____                       _______________
           \\ earliest           / latest
@@ -29,10 +30,11 @@ LEAST_LEAD_S = 0.005
 
 @dataclass(frozen=True, slots=True)
 class Clearance:
-    """A pen lift: seconds for the whole way up and down at the servo's rates, and the heights between which
+    """A pen lift: seconds for the whole way up and down at the servo's rates, and the heights between which the paper lies.
 
-    the paper lies. `drop_s` is the whole way down when it goes fastest, `fall_s` when it goes slowest. `low` is the height to
-    which a low lift goes. Raises ValueError for a time that is negative or heights out of order.
+    `drop_s` is the whole way down when it goes fastest, `fall_s` when it goes slowest; `early_s` is how far the tip may be
+    ahead of that. `low` is the height to which a low lift goes. Raises ValueError for a time that is negative or heights out of
+    order.
     """
 
     rise_s: float
@@ -43,6 +45,7 @@ class Clearance:
     touch_low: float
     touch_high: float
     low: float = 1.0
+    early_s: float = 0.0
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
@@ -66,12 +69,13 @@ class Clearance:
 
         The pen may still be rising then: it is taken to be as low as it can be when it turns back.
         """
-        clear = max(self.top(height) - self.touch_high, 0.0) * self.drop_s
+        clear = (self.top(height) - self.touch_high) * self.drop_s - self.early_s
         if self.rise_s <= 0 or self.drop_s <= 0:
-            return clear
-        # Lowered at since - lead, it has risen to (since - lead - late) / rise at least, and is at touch_high after lead.
-        turned = (since_lift_s - self.late_s - self.touch_high * self.rise_s) * self.drop_s / (self.rise_s + self.drop_s)
-        return max(min(clear, turned), 0.0)
+            return max(clear, 0.0)
+        # Lowered at since - lead, it has risen to (since - lead - late) / rise at least, from where it must still be at
+        # touch_high after (lead + early) / drop.
+        spare_s = since_lift_s - self.late_s - self.touch_high * self.rise_s - self.early_s * self.rise_s / self.drop_s
+        return max(min(clear, spare_s * self.drop_s / (self.rise_s + self.drop_s)), 0.0)
 
     def down_s(self, height: PenHeight) -> float:
         """From the command to lower until the pen is on the paper for certain, and quiet."""

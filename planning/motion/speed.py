@@ -15,8 +15,6 @@ from planning.motion.path import Array, Ints, PathSet
 
 # Caps are looked for at speeds V * 0.65^m.
 SPEED_STEP = 0.65
-# Slow-down before it is known to be needed, around a right-angled or sharper corner.
-CORNER_SLOWNESS = 0.12
 # Curvature leaves at least this part of the acceleration for changing speed.
 TANGENTIAL_FLOOR = 0.25
 

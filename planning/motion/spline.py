@@ -43,7 +43,7 @@ class Layout:
 
     def knot_values(self, control: Array) -> tuple[Array, Array, Array]:
         """Position, velocity and acceleration (M, 2) at each row's knot; meaningless where `is_knot` is False."""
-        c0, c1, c2 = _shifted(control, 0), _shifted(control, 1), _shifted(control, 2)
+        c0, c1, c2 = shifted(control, 0), shifted(control, 1), shifted(control, 2)
 
         def combined(basis: Array) -> Array:
             return np.asarray(basis[0][:, None] * c0 + basis[1][:, None] * c1 + basis[2][:, None] * c2)
@@ -51,7 +51,7 @@ class Layout:
         return combined(self.value), combined(self.velocity), combined(self.acceleration)
 
 
-def _shifted(array: Array, by: int) -> Array:
+def shifted(array: Array, by: int) -> Array:
     """Rows moved up by `by`, the last ones repeated."""
     if by == 0:
         return array

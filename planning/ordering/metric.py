@@ -19,6 +19,8 @@ Metric = Callable[[Array, Array], Array]
 # How far the table of travel times reaches, beyond any machine, and how many entries it has.
 LONGEST_MM = 20_000.0
 TABLE = 8192
+# So many times are looked up at once: bounds the memory.
+BLOCK = 1 << 16
 
 
 def euclidean(from_mm: Array, to_mm: Array) -> Array:
@@ -58,9 +60,15 @@ def travel_time(kinematics: Kinematics, limits: Limits) -> Metric:
     slope, last = np.diff(seconds), TABLE - 2
     per_root = (TABLE - 1) / roots[-1]
 
-    def metric(from_mm: Array, to_mm: Array) -> Array:
+    def looked_up(from_mm: Array, to_mm: Array) -> Array:
         at = np.sqrt(belt_mm(from_mm, to_mm)) * per_root
         i = np.minimum(at.astype(np.int64), last)
         return np.asarray(seconds[i] + (at - i) * slope[i])
+
+    def metric(from_mm: Array, to_mm: Array) -> Array:
+        if len(from_mm) <= BLOCK or len(to_mm) != len(from_mm):
+            return looked_up(from_mm, to_mm)
+        parts = [slice(k, k + BLOCK) for k in range(0, len(from_mm), BLOCK)]
+        return np.concatenate([looked_up(from_mm[part], to_mm[part]) for part in parts])
 
     return metric

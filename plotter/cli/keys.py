@@ -36,7 +36,8 @@ def keys(stop: StopFlag) -> Iterator[bool]:
         os.write(write_end, b"x")
         if listener.is_alive():
             listener.join(1.0)
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        with contextlib.suppress(termios.error):  # a terminal that was closed has no mode any more
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
         os.close(read_end)
         os.close(write_end)
 

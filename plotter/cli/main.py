@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 import traceback
+from contextlib import suppress
 from typing import ClassVar
 
 import click
@@ -24,6 +26,10 @@ EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
     (Interrupted, INTERRUPTED),
     (KeyboardInterrupt, INTERRUPTED),
 )
+
+
+# Whoever read the output is gone: a pipe or a terminal that was closed.
+_NOBODY_READS = (errno.EPIPE, errno.EIO)
 
 
 class LazyGroup(click.Group):
@@ -88,16 +94,24 @@ def run(arguments: list[str] | None = None) -> int:
     except tuple(kind for kind, _ in EXIT_CODES) as error:
         _say(str(error) or "interrupted")
         return next(code for kind, code in EXIT_CODES if isinstance(error, kind))
-    except BrokenPipeError:
-        return DONE
+    except OSError as error:
+        if error.errno in _NOBODY_READS:
+            return DONE
+        return _internal()
     except Exception:
-        _say("something went wrong inside the program; please report what follows")
-        traceback.print_exc()
-        return INTERNAL
+        return _internal()
+
+
+def _internal() -> int:
+    """For an exception that nobody foresaw."""
+    _say("something went wrong inside the program; please report what follows")
+    traceback.print_exc()
+    return INTERNAL
 
 
 def _say(message: str) -> None:
-    click.echo(f"plotter: {message}", err=True)
+    with suppress(OSError):  # a closed terminal does not change how it ended
+        click.echo(f"plotter: {message}", err=True)
 
 
 def _usage_hint(error: click.ClickException) -> str:

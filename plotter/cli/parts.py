@@ -81,7 +81,8 @@ def plot_in_parts(
 
 def _note_part(board: Board, journal: Journal | None, part: Part | None) -> None:
     if journal is not None:
-        journal.part({**({} if part is None else asdict(part)), "token": board.begin_job()})
+        facts = {} if part is None else asdict(part)
+        journal.part({**facts, "token": board.begin_job(), "nickname": board.nickname() or ""})
 
 
 def _beginning(setup: BoardSetup, part: Part | None, stop: StopFlag) -> Iterator[Command | Mark]:
@@ -151,9 +152,11 @@ def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFl
 
 
 def _without_pauses(actions: Iterator[Action]) -> Iterator[Action]:
-    """A virtual board with nobody at a keyboard: a pause would never end, so it is said and passed over."""
+    """A virtual board with nobody at a keyboard: a pause would never end, so it is said, once for each, and passed over."""
+    said: set[str] = set()
     for action in actions:
-        if isinstance(action, OperatorPause):
-            notes([f"the pause '{action.message}' is passed over: nobody is at a keyboard"])
-        else:
+        if not isinstance(action, OperatorPause):
             yield action
+        elif action.message not in said:
+            said.add(action.message)
+            notes([f"the pause '{action.message}' is passed over: nobody is at a keyboard"])

@@ -25,7 +25,7 @@ from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
 from plotter.cli.streaming import Ended, finish, patience_s
 from plotter.errors import BadInput
-from plotter.journals import Part, journal_path
+from plotter.journals import Part, given_up, journal_path
 from plotter.journals import head as journal_head
 from plotter.pipeline import Job, prepare
 from plotter.preview.picture import draw_ink
@@ -109,6 +109,7 @@ def _first_part(job: Job) -> Part | None:
 @contextmanager
 def _begun(head: dict[str, Any]) -> Iterator[Journal | None]:
     """The plot's journal; without a place for one the plot goes on, and cannot be resumed."""
+    notes([sentence for sentence in [given_up()] if sentence])
     try:
         journal = Journal.begin(journal_path(), head)
     except OSError as error:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import click
 import numpy as np
 
 from output.ebb.encode import BoardSetup
 from output.ebb.journal import Journal, PlotState
-from output.ebb.ports import choose_port
+from output.ebb.ports import choose_port, wait_for_board
 from output.ebb.resume import Place, find_place, position_lost
 from output.ebb.session import Board, connect
-from output.errors import BoardRefused
+from output.errors import BoardRefused, LinkLost
 from plotter.board_setup import board_setup
 from plotter.cli.awake import awake
 from plotter.cli.parts import plot_in_parts
@@ -20,11 +22,14 @@ from plotter.pipeline import Job
 from plotter.units import spoken_duration
 
 _STILL_TIMEOUT_S = 10.0
+_BACK_TIMEOUT_S = 5.0
 _HOME = "run `plotter align`, push the carriage to its home corner, then `plotter resume --homed`"
 
 
 @click.command()
-@click.option("--port", help="Serial port or nickname of the board. Default: the only board there is.")
+@click.option(
+    "--port", help="Serial port or nickname of the board. Default: the board with the plot's nickname, else the only one."
+)
 @click.option("--homed", is_flag=True, help="The carriage was pushed to its home corner: count from there.")
 def resume(port: str | None, homed: bool) -> None:
     """Go on with the plot that was interrupted: killed, cut off, or stopped.
@@ -34,8 +39,8 @@ def resume(port: str | None, homed: bool) -> None:
     plotter resume --homed          when the motors or the board were off in between
     """
     state = interrupted_plot()
-    device = choose_port(port)
     job = made_again(state)
+    device = _port(state, port)
     checksums, pen_pin = job.settings.checksums, job.settings.pen_lift().other_pin
     with awake(), connect(device, clear=False, checksums=checksums, pen_pin=pen_pin) as board:
         board.wait_until_still(_STILL_TIMEOUT_S)
@@ -49,6 +54,16 @@ def resume(port: str | None, homed: bool) -> None:
     took = spoken_duration(ended.took_s)
     where = f"at stroke {part.stroke + 1} of {job.stroke_count}" if part.stroke < job.stroke_count else "after its last stroke"
     click.echo(f"resumed {job.name} {where} and finished it in {took}")
+
+
+def _port(state: PlotState, wanted: str | None) -> str:
+    """The port to open: unless one is wanted, that of the board with the plot's nickname, under whatever name it is back, else
+    of the only board there is. Whether it is the plot's board its token tells."""
+    nickname = state.part.get("nickname")
+    if wanted is None and isinstance(nickname, str) and nickname:
+        with suppress(LinkLost):
+            return wait_for_board(nickname, _BACK_TIMEOUT_S)
+    return choose_port(wanted)
 
 
 def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: bool) -> Place:

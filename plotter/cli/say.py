@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import click
 import numpy as np
@@ -80,5 +80,10 @@ def progress_bar(guess_s: Sequence[float]) -> Iterator[Bar]:
     if bar.progress is None:
         yield bar
         return
-    with bar.progress:
+    shown = bar.progress
+    shown.start()
+    try:
         yield bar
+    finally:
+        with suppress(OSError):  # the terminal may have been closed meanwhile
+            shown.stop()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import sys
 from pathlib import Path
 
 import click
@@ -21,6 +22,9 @@ from output.ebb.virtual.server import make_server
 @click.option("--nickname", default="", help="The board's name tag.")
 @click.option("--pen-down", is_flag=True, help="Start with the pen on the paper.")
 @click.option("--patience", type=click.FloatRange(0, 60), default=0.0, help="Seconds it waits for the host before it runs dry.")
+@click.option(
+    "--control", is_flag=True, help="Take lines from standard input: button, power off, power on, hangup 2, state, ..."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the port as JSON.")
 def virtual(
     link: Path | None,
@@ -31,6 +35,7 @@ def virtual(
     nickname: str,
     pen_down: bool,
     patience: float,
+    control: bool,
     as_json: bool,
 ) -> None:
     """Run a virtual EiBotBoard until Ctrl-C.
@@ -51,6 +56,7 @@ def virtual(
         nickname=nickname,
         pen_down=pen_down,
         patience_s=patience,
+        control=sys.stdin.fileno() if control else None,
     )
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: server.stop())

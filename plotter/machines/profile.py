@@ -25,9 +25,10 @@ class _Profile(BaseModel):
 class PenLift(_Profile):
     """A pen lift as the board drives it: pulse lengths in 83.3 ns units, moved by `rate` every `period_ms`.
 
-    `lag_ms` is how far the tip may be behind the pulse. Shares of the way from pen down (0) to pen up (1): the paper lies
-    between `touch_low` and `touch_high`, and a low lift goes to `low`. `channels` is how many servo outputs of 3 ms share a
-    period. `output` is what the board switches: its servo output on RB`pin`, or the solenoid output RB4.
+    `lag_ms` is how far the tip may be behind the pulse, `percent_ms` what the servo takes for one percent at its full speed.
+    Shares of the way from pen down (0) to pen up (1): the paper lies between `touch_low` and `touch_high`, and a low lift goes
+    to `low`. `channels` is how many servo outputs of 3 ms share a period. `output` is what the board switches: its servo output
+    on RB`pin`, or the solenoid output RB4.
     """
 
     title: str
@@ -44,6 +45,7 @@ class PenLift(_Profile):
     settle_up_ms: float = Field(ge=0, le=5000)
     settle_down_ms: float = Field(ge=0, le=5000)
     lag_ms: float = Field(ge=0, le=5000)
+    percent_ms: float = Field(ge=0, le=1000)
     touch_low: float = Field(ge=0, le=1)
     touch_high: float = Field(ge=0, le=1)
     low: float = Field(gt=0, le=1)
@@ -84,22 +86,31 @@ class PenLift(_Profile):
         low lift.
         """
         up, down = (given / own if own > 0 else 1.0 for given, own in ((lift_s, self.lift_s()), (lower_s, self.lower_s())))
-        way = abs(self.up_pulse - self.down_pulse) * self.period_ms / 1000
         return Clearance(
-            rise_s=way / self.rate_up * up,
-            fall_s=way / self.rate_down * down,
-            drop_s=way / self.rate_down * min(1.0, down),
+            rise_s=self._even_ms(self.rate_up) / 1000 * up,
+            fall_s=self._even_ms(self.rate_down) / 1000 * down,
+            drop_s=self._even_ms(self.rate_down) / 1000 * min(1.0, down),
             late_s=(self.period_ms + self.lag_ms) / 1000 * max(1.0, up, down),
             settle_s=self.settle_down_ms / 1000 * max(1.0, down),
             touch_low=self.touch_low,
             touch_high=self.touch_high,
             low=low,
+            # Each period begins with a whole step, which the servo makes at its full speed, and then waits for the next.
+            early_s=max(self.period_ms - self._servo_ms(self.rate_down), 0.0) / 1000,
         )
 
     def _tip_s(self, rate: int, share: float) -> float:
         """Until the tip has certainly gone this share of the way, in whole milliseconds."""
-        way_ms = abs(self.up_pulse - self.down_pulse) * self.period_ms / rate
-        return math.ceil(self.period_ms + self.lag_ms + share * way_ms) / 1000
+        return math.ceil(self.period_ms + self.lag_ms + share * self._even_ms(rate)) / 1000
+
+    def _even_ms(self, rate: int) -> float:
+        """The whole way, by steps of `rate` or at the servo's full speed, whichever takes longer."""
+        way = abs(self.up_pulse - self.down_pulse)
+        return max(way * self.period_ms / rate, self._servo_ms(way))
+
+    def _servo_ms(self, pulse: float) -> float:
+        """How long the servo takes for so much pulse at its full speed."""
+        return pulse * self.percent_ms * 100 / abs(self.pulse_at_100 - self.pulse_at_0)
 
     def _way_s(self, rate: int) -> float:
         periods = math.ceil(abs(self.up_pulse - self.down_pulse) / rate) + 1

@@ -7,8 +7,9 @@ test says. Its ink must be the drawing, and nothing else, wherever the paper may
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from planning.motion.plan import Action, Lift, Lower, Travel
 from planning.motion.planner import plan
 from plotter.board_setup import board_setup
 from plotter.cli.keys import press
+from plotter.machines.profile import PenLift
 from plotter.pipeline import motion_settings, program
 from plotter.settings import resolve
 from tests.output.board_in_memory import MemoryBoard
@@ -199,6 +201,59 @@ def test_no_wait_is_shorter_than_the_model_allows(lift: str, heights: tuple[int,
             assert pen.lower_wait_s(height) >= model.down_s(height) - 1e-9
             assert pen.lead_s(9.0, height) <= max(model.top(height) - model.touch_high, 0.0) * model.drop_s + 1e-9
             assert overlap or pen.lead_s(9.0, height) == 0.0
+
+
+class SteppedServo:
+    """A servo as it really moves: its pulse a step of `rate` once a period, the tip after it at the servo's full speed.
+
+    Nothing here is the model's: `phase` is when the first period begins after a command, `lag` how late the tip is.
+    """
+
+    def __init__(self, lift: PenLift, phase: float, lag: float) -> None:
+        self.lift, self.phase, self.lag_ms = lift, phase * lift.period_ms, lag * lift.lag_ms
+        self.per_ms = abs(lift.pulse_at_100 - lift.pulse_at_0) / 100 / lift.percent_ms
+
+    def heights(self, commands: list[tuple[float, float]], until_ms: float) -> np.ndarray:
+        """Share of the way from down to up at each 0.1 ms, after commands (ms, share), from the paper."""
+        way = float(abs(self.lift.up_pulse - self.lift.down_pulse))
+        pulse = tip = target = 0.0
+        rate, next_step, found, pulses = 0.0, np.inf, [], []
+        waiting = list(commands)
+        for k in range(round(until_ms * 10)):
+            now = k / 10
+            if waiting and now >= waiting[0][0]:
+                target = waiting.pop(0)[1] * way
+                rate = float(self.lift.rate_up if target > pulse else self.lift.rate_down)
+                next_step = now + self.phase
+            if now >= next_step:
+                pulse += float(np.clip(target - pulse, -rate, rate))
+                next_step += self.lift.period_ms
+            pulses.append(pulse)
+            seen = pulses[max(0, k - round(self.lag_ms * 10))]
+            tip += float(np.clip(seen - tip, -self.per_ms / 10, self.per_ms / 10))
+            found.append(tip / way)
+        return np.array(found)
+
+
+@pytest.mark.parametrize("travel_ms", [8.0, 20.0, 45.0, 400.0])
+@pytest.mark.parametrize("height", ["up", "low"])
+@pytest.mark.parametrize("lift", ["standard-servo", "brushless"])
+def test_a_servo_that_moves_in_steps_is_off_the_paper_while_the_pen_travels(
+    lift: str, height: Literal["up", "low"], travel_ms: float
+) -> None:
+    """At full overlap, for every phase of the pulse and lag of the tip: clear during travel, down when the stroke begins."""
+    settings = resolve({"lift": lift, "overlap": 1.0}).values
+    pen, profile = settings.pen_timing(), settings.pen_lift()
+    assert pen.clearance is not None
+    begins = 1000 * pen.lift_wait_s(height)
+    ends = begins + travel_ms
+    lead = 1000 * pen.lead_s(ends / 1000, height)
+    draws = ends - lead + 1000 * pen.lower_wait_s(height)
+    for phase, lag in itertools.product((0.02, 0.35, 0.7, 1.0), (0.0, 0.5, 1.0)):
+        commands = [(0.0, pen.clearance.top(height)), (ends - lead, 0.0)]
+        tip = SteppedServo(profile, phase, lag).heights(commands, draws + 1)
+        assert tip[round(begins * 10) + 1 : round(ends * 10) - 1].min() >= profile.touch_high - 0.005
+        assert tip[round(draws * 10)] <= profile.touch_low + 0.005
 
 
 # pauses and stops

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from output.ebb.journal import load
+from output.ebb.ports import FoundPort, wait_for_board
 from output.ebb.verify_compare import compare
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from plotter.cli.main import run
 from plotter.cli.plot import ink_mm
+from plotter.journals import given_up, journal_path
 from plotter.machines.profile import load_machine
 from plotter.svg.read import read_drawing
 
@@ -37,9 +41,9 @@ def drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
-def plotting(drawing: Path, board: VirtualBoard, **streams: Any) -> subprocess.Popen[bytes]:
+def plotting(drawing: Path, board: VirtualBoard, *flags: str, **streams: Any) -> subprocess.Popen[bytes]:
     code = "import sys; from plotter.cli.main import main; main(sys.argv[1:])"
-    command = [sys.executable, "-c", code, "plot", str(drawing), "--port", board.port]
+    command = [sys.executable, "-c", code, "plot", str(drawing), "--port", board.port, *flags]
     streams.setdefault("stdin", subprocess.DEVNULL)
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=os.environ, **streams)
 
@@ -91,6 +95,35 @@ def test_killed_and_resumed(after_s: float, drawing: Path, capsys: pytest.Captur
         assert state["pen_up"]
         assert run(["resume", "--port", board.port]) == 2
         assert "finished" in capsys.readouterr().err
+
+
+def test_a_plot_from_where_the_pen_was_is_resumed(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its order depends on where it began, and its counters went on from there."""
+    with start_virtual_board() as board:
+        assert run(["move", "--to", "95mm", "55mm", "--port", board.port]) == 0
+        process = plotting(drawing, board, "--start", "here", "--end", "stay")
+        time.sleep(4.0)
+        process.kill()
+        process.communicate(timeout=30)
+        assert run(["resume", "--port", board.port]) == 0, capsys.readouterr().err
+        check_whole(board, drawing)
+
+
+def test_a_plot_with_dips_is_resumed(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is left begins with a dip, and the ink beside the well is the drawing."""
+    with start_virtual_board() as board:
+        process = plotting(drawing, board, "--reink-every", "60mm", "--well", "150mm,5mm", "--dip", "100ms")
+        wait_for_motion(board)
+        time.sleep(5.0)
+        process.kill()
+        process.communicate(timeout=30)
+        assert run(["resume", "--port", board.port]) == 0, capsys.readouterr().err
+        lines = [line for line in ink(board) if np.abs(line - (150.0, 5.0)).max() > 0.02]
+        assert len(ink(board)) - len(lines) >= 4
+        wanted = [stroke.points_mm for layer in read_drawing(drawing).layers for stroke in layer.strokes]
+        deviation = compare(lines, wanted)
+        assert deviation.drawn.max_mm <= 0.05
+        assert deviation.wanted.max_mm <= 0.05
 
 
 def test_killed_twice(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -181,3 +214,67 @@ def test_keys_of_a_terminal_pause_and_go_on(drawing: Path) -> None:
         check_whole(board, drawing)
     os.close(master)
     os.close(slave)
+
+
+def test_a_closed_terminal_raises_the_pen_and_the_journal_knows(drawing: Path) -> None:
+    """The terminal goes with its session: SIGHUP, keys that cannot be read, a bar that cannot be drawn, a message to nobody."""
+    with start_virtual_board() as board:
+        code = "import sys; from plotter.cli.main import main; main(sys.argv[1:])"
+        child, master = pty.fork()
+        if child == 0:
+            os.execve(sys.executable, [sys.executable, "-c", code, "plot", str(drawing), "--port", board.port], os.environ)
+        wait_for_motion(board)
+        time.sleep(0.5)
+        os.close(master)
+        _, status = os.waitpid(child, 0)
+        assert os.waitstatus_to_exitcode(status) == 130
+        check_stopped(board)
+        state = load(journal_path())
+        assert state is not None
+        assert state.ended == "stopped"
+
+
+def test_a_board_that_reads_nothing_any_more_does_not_hold_the_program(drawing: Path) -> None:
+    with start_virtual_board() as board:
+        process = plotting(drawing, board)
+        wait_for_motion(board)
+        time.sleep(0.5)
+        os.kill(board.pid, signal.SIGSTOP)
+        try:
+            process.send_signal(signal.SIGTERM)
+            began = time.monotonic()
+            _, errors = process.communicate(timeout=20)
+        finally:
+            os.kill(board.pid, signal.SIGCONT)
+        assert process.returncode == 130
+        assert b"THE PEN MAY BE DOWN" in errors
+        assert time.monotonic() - began < 10
+
+
+def test_a_cable_that_was_pulled_and_is_in_again_under_another_name(
+    drawing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The board has been under power all the time; it is found by the plot's nickname, and every line is drawn once."""
+    other = tmp_path / "ebb1"
+    fault = {"fault": "hangup_and_return", "at": {"stroke": 2}, "after_real_s": 1, "pty": str(other)}
+    with start_virtual_board(nickname="East", faults=[fault], pty=tmp_path / "ebb0") as board:
+        process = plotting(drawing, board)
+        _, errors = process.communicate(timeout=60)
+        assert process.returncode == 4
+        assert b"lost" in errors
+        lists = iter([[], [FoundPort("/dev/other", "West")], [FoundPort("/dev/other", "West"), FoundPort(str(other), "East")]])
+        monkeypatch.setattr("plotter.cli.resume.wait_for_board", partial(wait_for_board, find=lambda: next(lists)))
+        time.sleep(2.0)
+        assert run(["resume"]) == 0, capsys.readouterr().err
+        check_whole(board, drawing)
+
+
+def test_a_new_plot_says_what_it_takes_the_place_of(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with start_virtual_board(speed=20, patience_s=0.2) as board:
+        assert given_up() is None
+        plot_and_kill(drawing, board, 0.1, signal.SIGKILL)
+        assert run(["plot", str(drawing), "--port", board.port]) == 0
+        said = capsys.readouterr().err
+        assert f"the plot of {drawing}, begun 20" in said
+        assert "was interrupted after" in said
+        assert given_up() is None

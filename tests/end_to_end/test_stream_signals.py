@@ -146,6 +146,11 @@ def kill_and_look(tmp_path: Path, delay_s: float) -> None:
         assert state is not None
         assert state.interrupted
         with connect(board.port, clear=False) as again:
+            if not any(board.state()["motors_on"]):
+                # Killed before the motors were switched on: nothing is drawn, and where the carriage is nobody knows.
+                assert board.record()["stepper_moves"] == 0
+                assert "motors" in str(position_lost(again, state))
+                return
             assert position_lost(again, state) is None
             steps = again.steps()
             again.clear()

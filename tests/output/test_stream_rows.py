@@ -1,0 +1,371 @@
+"""Faults that no loop reaches, one by one; docs/reliability.md says which row of its table each test is for."""
+
+from __future__ import annotations
+
+import random
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from output.ebb.abilities import abilities_of
+from output.ebb.commands import EM, SC, SM, SP
+from output.ebb.control import StopFlag
+from output.ebb.conversation import Conversation
+from output.ebb.flow import QueueModel
+from output.ebb.journal import Journal, load
+from output.ebb.program import StrokeEnd
+from output.ebb.protocol import Protocol
+from output.ebb.resume import position_lost
+from output.ebb.session import connect
+from output.ebb.stream import Progress, State, StopRequested, Streamer
+from output.ebb.virtual.process import start_virtual_board
+from output.errors import BoardRefused, LinkLost
+from tests.output.board_in_memory import MemoryBoard
+from tests.output.inline_producer import InlineProducer, inline_producer  # noqa: F401 - a fixture
+from tests.output.test_stream_loops import check_at_rest, check_ink_within_plan, check_plan_is_inked, plot
+
+pytestmark = pytest.mark.usefixtures("inline_producer")
+ROOT = Path(__file__).parents[2]
+
+
+# who is there
+
+
+@pytest.mark.parametrize(
+    ("line", "version"),
+    [
+        ("EBBv13_and_above EB Firmware Version 9.9", (9, 9, 0)),
+        ("EBBv13_and_above EB Firmware Version 3.0.3", (3, 0, 3)),
+        ("EBB EB Firmware Version 2.4.4", (2, 4, 4)),
+        ("EBBv13_and_above EB Firmware Version 3.10", (3, 10, 0)),
+    ],
+)
+def test_versions_are_read(line: str, version: tuple[int, int, int]) -> None:
+    assert abilities_of(line).version == version
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "EBB",
+        "Firmware Version 3.0.3",
+        "EBBv13_and_above EB Firmware Version",
+        "EBBv13 EB Firmware Version x.y",
+        "Grbl 1.1f",
+    ],
+)
+def test_what_is_no_version_is_refused(line: str) -> None:
+    with pytest.raises(BoardRefused, match="not an EiBotBoard"):
+        abilities_of(line)
+    memory = MemoryBoard(version_line=line)
+    with pytest.raises(BoardRefused, match="not an EiBotBoard"):
+        connect(memory, clock=memory.clock)
+    assert memory.record()["moves"] == []
+    assert memory.closed
+
+
+@pytest.mark.parametrize("version", ["2.2.6", "2.4.3"])
+def test_a_version_that_is_too_old_is_refused_by_name(version: str) -> None:
+    memory = MemoryBoard("2.7.0", version_line=f"EBBv13_and_above EB Firmware Version {version}")
+    with pytest.raises(BoardRefused, match=rf"{version} is older than 2\.4\.4.*update it"):
+        connect(memory, clock=memory.clock)
+
+
+# the port
+
+
+def test_a_close_that_hangs_does_not_keep_the_program() -> None:
+    code = "import os, pty, time\nfrom output.ebb.link import SerialPort\n_, slave = pty.openpty()\n"
+    code += "port = SerialPort(os.ttyname(slave))\nport._serial.close = lambda: time.sleep(60)\nport.close()\nprint('closed')"
+    began = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False, cwd=ROOT)
+    assert done.stdout == "closed\n", done.stderr
+    assert done.returncode == 0
+    assert time.monotonic() - began < 15
+
+
+def test_a_stop_from_another_thread_does_not_wait_for_the_sender(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a port, while the queue is full: from the request to everything stopped, and the pen up."""
+    monkeypatch.undo()
+    with start_virtual_board() as virtual, connect(virtual.port) as board:
+        stop, asked = StopFlag(), [0.0]
+
+        def ask() -> None:
+            asked[0] = time.monotonic()
+            stop.stop("another thread")
+
+        timer = threading.Timer(0.8, ask)
+        timer.start()
+        result = board.stream(list(plot(strokes=8, moves=40)), on_progress=lambda _: None, stop=stop)
+        assert result.outcome == "stopped"
+        assert result.stop is not None
+        assert result.stop.pen_up
+        assert result.stop.took_s <= 0.1 + 0.1, "the board answers within a round trip; the rest is this computer's"
+        state = virtual.state()
+        assert state["pen_up"]
+        assert state["idle"]
+        assert virtual.record()["parser_blocked"] == []
+
+
+# stopping and pausing
+
+
+@pytest.mark.parametrize("firmware", ["3.0.3", "2.8.1"])
+@pytest.mark.parametrize("after_s", [0.5, 3.0, 9.0])
+def test_a_move_of_ten_seconds_is_stopped_in_its_middle(after_s: float, firmware: str) -> None:
+    memory, stop = MemoryBoard(firmware), StopFlag()
+    board = connect(memory, clock=memory.clock)
+    items = [SC(4, 20000), SC(5, 14000), EM(1, 1), SP(1, 60), SM(10_000, 5000, 2000), SM(10_000, 5000, 2000)]
+    began, asked = memory.clock(), [0.0]
+
+    def press(m: MemoryBoard) -> None:
+        if m.clock() - began >= after_s and not stop.requested:
+            asked[0] = m.clock()
+            stop.stop("test")
+
+    memory.on_receive = press
+    result = board.stream(items, on_progress=lambda _: None, stop=stop)
+    assert result.stop is not None
+    assert result.stop.took_s <= 0.1
+    memory.on_receive = None
+    before = memory.record()["position"]
+    memory.host_stalls(2.0)
+    assert memory.record()["position"] == before
+    check_at_rest(memory)
+    assert abs(before[0]) < 5000 * (after_s + 1) / 10
+
+
+def test_a_plot_begins_with_the_pen_up_wherever_it_was() -> None:
+    memory = MemoryBoard(pen_down=True)
+    items = list(plot())
+    board = connect(memory, clock=memory.clock)
+    board.stream(items, on_progress=lambda _: None, stop=StopFlag())
+    record = memory.record()
+    check_ink_within_plan([ink for ink in record["ink"] if len(ink["points"]) > 1], items)
+    up = next(event for event in record["pen_events"] if event[1] == "up")
+    assert record["first_motion_tick"] >= up[4] or not record["ink_touching"][0]["points"]
+
+
+def test_a_button_that_is_stuck_pauses_once_and_names_the_wiring() -> None:
+    memory, stop = MemoryBoard(), StopFlag()
+    board = connect(memory, clock=memory.clock)
+    states: list[tuple[State, str]] = []
+    began = memory.clock()
+
+    def stuck(m: MemoryBoard) -> None:
+        if m.clock() - began > 0.5:
+            m.board.press_button()
+        if m.clock() - began > 6.0 and not stop.requested:
+            stop.stop("enough seen")
+
+    def watch(progress: Progress) -> None:
+        if not states or states[-1] != (progress.state, progress.message):
+            states.append((progress.state, progress.message))
+
+    memory.on_receive = stuck
+    result = board.stream(list(plot(strokes=30)), on_progress=watch, stop=stop)
+    assert result.outcome == "stopped"
+    assert "wiring" in states[-1][1]
+    wired = next(i for i, (_, message) in enumerate(states) if "wiring" in message)
+    assert all(state is not State.RUNNING for state, _ in states[wired:]), "it must not go on by itself"
+
+
+# every command in every state
+
+
+def in_state(name: str, stop: StopFlag) -> Callable[[Progress], bool]:
+    """Brings the stream into a state; says when it is there."""
+
+    def there(progress: Progress) -> bool:
+        if name == "running":
+            return progress.strokes_done == 1
+        if progress.strokes_done == 1 and stop.pause_reason is None and progress.state is State.RUNNING:
+            stop.pause("test")
+        return progress.state is (State.HOLDING if name == "holding" else State.PAUSED)
+
+    return there
+
+
+COMMANDS: dict[str, Callable[[StopFlag, MemoryBoard], None]] = {
+    "pause": lambda stop, _: stop.pause("again"),
+    "go": lambda stop, _: stop.go(),
+    "stop": lambda stop, _: stop.stop("test"),
+    "stop twice": lambda stop, _: (stop.stop("test"), stop.stop("test"))[0],
+    "leave": lambda stop, _: stop.leave(),
+    "home": lambda stop, _: stop.go_home(),
+    "button": lambda _, memory: memory.board.press_button(),
+}
+# What a plot of ten strokes comes to. Left alone in a pause it would wait for ever, so that a go follows after a second.
+ANSWERS = {
+    ("running", "leave"): "done",
+    ("running", "home"): "done",
+    **{(state, command): "stopped" for state in ("running", "holding", "paused") for command in ("stop", "stop twice")},
+    **{(state, command): "left" for state in ("holding", "paused") for command in ("leave", "home")},
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("state", ["running", "holding", "paused"])
+def test_every_command_has_an_answer_in_every_state(state: str, command: str) -> None:
+    memory, stop = MemoryBoard(), StopFlag()
+    board = connect(memory, clock=memory.clock)
+    reached, given = in_state(state, stop), [0.0]
+    items = list(plot(strokes=10, moves=4))
+
+    def watch(progress: Progress) -> None:
+        if not given[0] and reached(progress):
+            given[0] = memory.clock()
+            COMMANDS[command](stop, memory)
+        elif given[0] and progress.state is State.PAUSED and memory.clock() - given[0] > 1.0:
+            stop.go()
+
+    result = board.stream(items, on_progress=watch, stop=stop)
+    assert given[0], f"{state} was not reached"
+    assert result.outcome == ANSWERS.get((state, command), "done")
+    memory.on_receive = None
+    memory.host_stalls(0.5)
+    check_at_rest(memory)
+    ink = memory.record()["ink"]
+    check_ink_within_plan(ink, items)
+    if result.outcome == "done":
+        check_plan_is_inked(ink, items)
+        assert len(ink) == 10
+    again = board.stream(list(plot(strokes=1)), on_progress=lambda _: None, stop=StopFlag())
+    assert again.outcome == "done", "a new plot begins after whatever became of the old one"
+
+
+# an error at every function
+
+
+def functions_of(*kinds: type) -> list[tuple[type, str]]:
+    found = []
+    for kind in kinds:
+        for name, value in vars(kind).items():
+            if callable(value) and not name.startswith("__"):
+                found.append((kind, name))
+    return found
+
+
+class Planted(Exception):
+    """The error that is raised in the middle of things."""
+
+
+POINTS = functions_of(Streamer, QueueModel, Conversation, Protocol, InlineProducer, Journal)
+
+
+def check_errors_at(kind: type, name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, times: int) -> None:
+    """Raised once, at the first call of the function in a plot and at some other ones."""
+    real, calls, at = getattr(kind, name), [0], [0]
+    items = list(plot(strokes=1, moves=5))
+
+    def counted(*arguments: Any, **named: Any) -> Any:
+        calls[0] += 1
+        if calls[0] == at[0]:
+            raise Planted(f"{name} at call {at[0]}")
+        return real(*arguments, **named)
+
+    def plotted() -> None:
+        memory = MemoryBoard()
+        board = connect(memory, clock=memory.clock)
+        calls[0] = 0
+        with Journal.begin(tmp_path / "journal", {}) as journal:
+            journal.part({"token": board.begin_job()})
+            with monkeypatch.context() as patch:
+                patch.setattr(kind, name, counted)
+                try:
+                    board.stream(items, on_progress=lambda _: None, stop=StopFlag(), journal=journal)
+                finally:
+                    memory.host_stalls(2.0)
+                    check_at_rest(memory)
+                    check_ink_within_plan(memory.record()["ink"], items)
+
+    plotted()
+    total = calls[0]
+    if not total:
+        pytest.skip("not called in a plot that goes well")
+    rng = random.Random(name)
+    for call in sorted({1, *(rng.randint(1, total) for _ in range(times))}):
+        at[0] = call
+        with pytest.raises(Planted, match=name):
+            plotted()
+        assert load(tmp_path / "journal") is not None
+
+
+@pytest.mark.parametrize(("kind", "name"), POINTS, ids=lambda value: getattr(value, "__name__", value))
+def test_an_error_anywhere_raises_the_pen_and_is_told(
+    kind: type, name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    check_errors_at(kind, name, monkeypatch, tmp_path, 1)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("kind", "name"), POINTS, ids=lambda value: getattr(value, "__name__", value))
+def test_an_error_anywhere_at_full_size(kind: type, name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    check_errors_at(kind, name, monkeypatch, tmp_path, 40)
+
+
+@pytest.mark.parametrize("error", [StopRequested, KeyboardInterrupt, LinkLost])
+def test_an_error_of_the_safe_stops_own_kind_is_no_way_round_it(error: type[BaseException]) -> None:
+    memory = MemoryBoard()
+    board = connect(memory, clock=memory.clock)
+
+    def watch(progress: Progress) -> None:
+        if progress.strokes_done == 1:
+            raise error
+
+    try:
+        result = board.stream(list(plot()), on_progress=watch, stop=StopFlag())
+        assert result.outcome == "stopped"
+    except (KeyboardInterrupt, LinkLost) as caught:
+        assert isinstance(caught, error)
+    check_at_rest(memory)
+
+
+# the journal's word against the board's
+
+
+def test_motors_that_were_let_go_since_are_noticed(tmp_path: Path) -> None:
+    memory = MemoryBoard()
+    board = connect(memory, clock=memory.clock)
+    with Journal.begin(tmp_path / "j", {}) as journal:
+        journal.part({"token": board.begin_job()})
+        board.send(EM(1, 1))
+        memory.host_stalls(0.1)
+    state = load(tmp_path / "j")
+    assert state is not None
+    assert position_lost(board, state) is None
+    board.send(EM(0, 0))
+    memory.host_stalls(0.1)
+    assert "motors were switched off" in str(position_lost(board, state))
+    board.begin_job()
+    assert "another job" in str(position_lost(board, state))
+
+
+def test_a_journal_tells_when_its_plot_began(tmp_path: Path) -> None:
+    with Journal.begin(tmp_path / "j", {"drawing": "x"}) as journal:
+        journal.stroke_done(StrokeEnd(0, (1, 2)), Progress())
+    state = load(tmp_path / "j")
+    assert state is not None
+    assert state.began_s == pytest.approx(time.time(), abs=60)
+
+
+# clocks
+
+
+def test_nothing_is_timed_by_the_wall_clock() -> None:
+    """The wall clock jumps; one place tells a person when a plot began."""
+    allowed = {"output/ebb/journal.py": 1, "plotter/journals.py": 1}
+    found: dict[str, int] = {}
+    for folder in ("output", "plotter", "planning"):
+        for file in (ROOT / folder).rglob("*.py"):
+            count = sum(file.read_text().count(word) for word in ("time.time(", "datetime.now", "localtime(", "fromtimestamp("))
+            if count:
+                found[file.relative_to(ROOT).as_posix()] = count
+    assert found == allowed
