@@ -9,7 +9,7 @@ import numpy as np
 
 from output.ebb.encode import BoardSetup, PenCommands, Sizing, encode
 from output.ebb.firmware import firmware
-from output.ebb.verify import verify
+from output.ebb.verify import Report, verify
 from planning.motion.limits import Kinematics
 from planning.motion.plan import Draw, Motion
 
@@ -40,11 +40,18 @@ def run() -> None:
         started, started_cpu = time.perf_counter(), time.process_time()
         report = verify(encode([Draw(motion, 0)], setup), firmware(), kinematics)
         took, cpu = time.perf_counter() - started, time.process_time() - started_cpu
+        off_steps = _drift_steps(motion, kinematics, report)
         peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(
             f"{len(motion)} pieces encoded and checked, {text}: {report.commands} commands, {took:.1f} s ({cpu:.1f} s of CPU), "
-            f"peak {peak_mb:.0f} MB, {report.duration_s:.0f} s of plotting"
+            f"peak {peak_mb:.0f} MB, {report.duration_s:.0f} s of plotting, ends {off_steps} steps off"
         )
+
+
+def _drift_steps(motion: Motion, kinematics: Kinematics, report: Report) -> int:
+    """How far the counters end from the rounded end of the plan."""
+    ends = np.rint(kinematics.steps(np.vstack((motion.position_mm[:1], motion.end_mm[None, :])))).astype(np.int64)
+    return int(np.abs(np.array(report.final_steps) - (ends[1] - ends[0])).max())
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from output.ebb.firmware import firmware
 from output.ebb.program import Note
 from output.ebb.queue_forecast import LEAST_LEAD_S
 from output.ebb.verify import compare, verify
-from planning.motion.plan import Draw, Lift, Lower, Motion
+from planning.motion.plan import Action, Draw, Lift, Lower, Motion
 from tests.output.motion_samples import COREXY, in_parts, spline_motion, wandering
 
 PEN = PenCommands(16000, 24000, 400, 300)
@@ -168,3 +168,19 @@ def test_the_lead_is_said_once_the_queue_has_been_full(version: str) -> None:
     program = [*prologue(setup), *encode([Lower(0.1, 0), Draw(corners(900), 0), Lift(0.1)], setup)]
     report = verify(program, setup.firmware, COREXY)
     assert report.queue_depth == 30 and (report.lowest_lead_s or 0) > 0.3 and report.lowest_lead_at > 30
+
+
+def test_short_strokes_leave_room_for_what_comes_after_them() -> None:
+    """Strokes too short to fill the queue by themselves: each takes no more than its share of it."""
+    actions: list[Action] = []
+    here = np.zeros(2)
+    for index in range(40):
+        t = np.linspace(0, 1.5, 22)
+        stroke = spline_motion(here + np.column_stack((4 * t, 2 * np.sin(2 * t))), 188)
+        here = stroke.end_mm
+        actions += [Lower(0.04, index), Draw(stroke, index), Lift(0.04)]
+    setup = BoardSetup(COREXY, firmware(), PEN)
+    report = verify([*prologue(setup), *encode(actions, setup)], setup.firmware, COREXY)
+    # The abrupt ends of these strokes cannot be merged; without regard to what comes it would be 0.34.
+    assert report.queue_filled and report.lowest_lead_s is not None and report.lowest_lead_s >= 0.7
+    assert all(len(stroke) > 2 for stroke in report.strokes)
