@@ -60,7 +60,7 @@ class Bar:
         paused = done.message if done.state is State.PAUSED else ""
         try:
             if paused and paused != self._paused:
-                click.echo(f"{paused}: p or the board's button goes on, h goes home, q or Ctrl-C ends the plot", err=True)
+                self._tell(f"{paused}: p or the board's button goes on, h goes home, q or Ctrl-C ends the plot")
             self._paused = paused
             if self.progress is not None:
                 left_s = self.left_s(done)
@@ -71,6 +71,13 @@ class Bar:
                 self.progress.update(self._task, description=text, completed=share, left=left)
         except OSError:
             self.progress = None
+
+    def _tell(self, sentence: str) -> None:
+        """A line on stderr, above the bar where there is one."""
+        if self.progress is None:
+            click.echo(sentence, err=True)
+        else:
+            self.progress.console.print(sentence, markup=False, highlight=False, soft_wrap=True)
 
 
 @contextmanager
