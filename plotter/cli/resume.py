@@ -46,6 +46,15 @@ def resume(port: str | None, homed: bool) -> None:
         board.wait_until_still(_STILL_TIMEOUT_S)
         board.clear()
         setup = board_setup(job.settings, job.machine, board.firmware)
+        lost = None if homed else position_lost(board, state)
+        if lost and len(state.strokes_done) == job.stroke_count:
+            # Cut off after the motors were switched off, which comes last: whatever became of the position, no line is left.
+            with Journal.reopen(journal_path()) as journal:
+                journal.end("done", None)
+            click.echo(f"resumed {job.name}: all of it had been drawn; the pen is up")
+            return
+        if lost:
+            raise BoardRefused(f"{lost}: {_HOME}")
         place = _place(job, setup, state, board, homed)
         part = part_after(setup, Part.of(state.part), place, homed)
         with Journal.reopen(journal_path()) as journal:
@@ -67,10 +76,7 @@ def _port(state: PlotState, wanted: str | None) -> str:
 
 
 def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: bool) -> Place:
-    """Where the plot stands. Raises BoardRefused when the board's counters cannot tell, and home was not confirmed."""
-    lost = None if homed else position_lost(board, state)
-    if lost:
-        raise BoardRefused(f"{lost}: {_HOME}")
+    """Where the plot stands. Raises BoardRefused when the board's counters fit nowhere, and home was not confirmed."""
     part = Part.of(state.part)
     start, first = ((0, 0), 0) if part is None else (_steps_at(part, setup), part.stroke)
     items = part_program(job, setup, part)

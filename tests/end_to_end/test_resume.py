@@ -98,6 +98,22 @@ def test_killed_and_resumed(after_s: float, drawing: Path, capsys: pytest.Captur
         assert "finished" in capsys.readouterr().err
 
 
+def test_a_plot_that_was_killed_after_its_last_command_is_finished(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The motors are off by then, so that the position is nobody's any more, but no line is left to draw either."""
+    with start_virtual_board() as board:
+        process = plotting(drawing, board)
+        process.communicate(timeout=120)
+        assert process.returncode == 0
+        lines = journal_path().read_bytes().splitlines(keepends=True)
+        assert b'"end"' in lines[-1]
+        journal_path().write_bytes(b"".join(lines[:-1]))
+        before = board.record()["ink"]
+        assert run(["resume", "--port", board.port]) == 0, capsys.readouterr().err
+        assert "all of it had been drawn" in capsys.readouterr().out
+        assert board.record()["ink"] == before
+        assert run(["resume", "--port", board.port]) == 2
+
+
 def test_a_plot_from_where_the_pen_was_is_resumed(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its order depends on where it began, and its counters went on from there."""
     with start_virtual_board() as board:
