@@ -88,7 +88,7 @@ def plan(layers: Iterable[Layer], settings: MotionSettings, start_mm: Array, end
         done = 0
         while done < len(strokes):
             take = _chunk(strokes, done, budget)
-            budget = min(settings.chunk_vertices, budget * 4)
+            budget = min(settings.chunk_vertices, budget * 8)
             chunk = strokes[done : done + take]
             check_bounds([replace(layer, strokes=tuple(chunk))], settings.bounds_mm)
             begun = False

@@ -36,7 +36,7 @@ PATCH_STAGES = 6
 MOST_BAD = 0.6
 DROPPED = 10_000
 # A patch is slowed down by this part of what its places ask for, and by this much more every time: it can be hastened later.
-PATCH_GAIN, PATCH_STEP = 0.7, 0.005
+PATCH_GAIN, PATCH_STEP = 0.7, 0.015
 # Pieces 4, 3, 2 knot spacings long where the profile's jerk stays below these parts of its limit; no longer than LONGEST_S;
 # in the first stages of a whole section only.
 CALM_JERK = (0.1, 0.25, 0.45)
