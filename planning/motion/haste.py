@@ -27,7 +27,7 @@ GAINS = (0.7, 0.6, 0.45)
 USE = 1.005
 # Stretches have about this many knots; from turn to turn they move by half of one.
 KNOTS = 32
-# Not tried for less time than this part of a stretch; nor for less than the other where pieces are longer than a knot spacing by
+# Not tried for less time than this part of a stretch; nor for less than the other where pieces are longer than knot spacings by
 # CALM: short ones take their place.
 LEAST, LEAST_CALM, CALM = 0.003, 0.012, 1.4
 # How finely a motion is followed from knot to knot when it is stretched.
