@@ -27,8 +27,9 @@ GAINS = (0.7, 0.6, 0.45)
 USE = 1.005
 # Stretches have about this many knots; from turn to turn they move by half of one.
 KNOTS = 32
-# Not tried for less time than this part of a stretch.
-LEAST = 0.002
+# Not tried for less time than this part of a stretch; nor for less than the other where pieces are longer than knot spacings by
+# CALM: short ones take their place.
+LEAST, LEAST_CALM, CALM = 0.003, 0.012, 1.4
 # How finely a motion is followed from knot to knot when it is stretched.
 PARTS = 4
 
@@ -143,7 +144,8 @@ def _slack(levelling: Levelling, owner: int, fit: Fit, miss: Array, root: Block,
         cuts = np.concatenate(([0.0], 0.5 * (cuts[1:] + cuts[:-1]), cuts[-1:]))
     knot = np.unique(np.clip(np.searchsorted(clock, cuts), 0, len(h)))
     old, new = np.diff(clock[knot]), np.diff(wanted[knot])
-    worth = np.flatnonzero((old >= FEWEST_INTERVALS * spacing) & (new < (1.0 - LEAST) * old))
+    least = np.where(old > CALM * spacing * np.diff(knot), LEAST_CALM, LEAST)
+    worth = np.flatnonzero((old >= FEWEST_INTERVALS * spacing) & (new < (1.0 - least) * old))
     return [
         _Stretch(owner, _block(fit, root, low, high), fit.between(low, high), clock[low : high + 1] - clock[low],
                  wanted[low : high + 1] - wanted[low])

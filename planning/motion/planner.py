@@ -111,7 +111,7 @@ def _actions(layers: Iterable[Layer], settings: MotionSettings, at: Array, end_m
         reink = bool(strokes) and ink.due(strokes[0].length_mm)
         while done < len(strokes):
             take = _chunk(strokes, done, budget)
-            budget = min(settings.chunk_vertices, budget * 4)
+            budget = min(settings.chunk_vertices, budget * 8)
             chunk = strokes[done : done + take]
             check_bounds([replace(layer, strokes=tuple(chunk))], settings.bounds_mm)
             begun = False

@@ -36,7 +36,7 @@ PATCH_STAGES = 6
 MOST_BAD = 0.6
 DROPPED = 10_000
 # A patch is slowed down by this part of what its places ask for, and by this much more every time: it can be hastened later.
-PATCH_GAIN, PATCH_STEP = 0.7, 0.005
+PATCH_GAIN, PATCH_STEP = 0.7, 0.015
 # Pieces 4, 3, 2 knot spacings long where the profile's jerk stays below these parts of its limit; no longer than LONGEST_S;
 # in the first stages of a whole section only.
 CALM_JERK = (0.1, 0.25, 0.45)
@@ -242,11 +242,13 @@ class _Solver:
         low, high = max(0, low), min(count, high)
         if high - low < FEWEST_INTERVALS:
             low, high = max(0, low - FEWEST_INTERVALS), min(count, high + FEWEST_INTERVALS)
-        states = np.stack((draft.position_mm, draft.velocity_mm_s, draft.acceleration_mm_s2), axis=1)
+        start, end = (
+            np.stack((draft.position_mm[k], draft.velocity_mm_s[k], draft.acceleration_mm_s2[k])) for k in (low, high)
+        )
         from_s = root.from_s if low == 0 else float(draft.along_mm[low])
         to_s = root.to_s if high == count else float(draft.along_mm[high])
         moving_start, moving_end = root.moving_start or low > 0, root.moving_end or high < count
-        return Block(root.path, from_s, to_s, states[low], states[high], moving_start, moving_end, root, low, high,
+        return Block(root.path, from_s, to_s, start, end, moving_start, moving_end, root, low, high,
                       widened=widened)  # fmt: skip
 
     def _widened(self, block: Block) -> list[Block]:
