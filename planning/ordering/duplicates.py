@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +10,9 @@ import shapely
 from numpy.typing import NDArray
 
 from planning.geometry.stroke import Stroke
+from planning.ordering.crowds import CROWD_MM, SAME_LINE_MM, Crowd, Interval, Ints, find_crowds
 from planning.ordering.metric import Array
 from planning.ordering.quick import is_dot
-
-# Two lines nearer than this over their common length are one line: less than half a motor step of 0.0125 mm.
-SAME_LINE_MM = 0.005
 
 # What was drawn before is left out in stretches of at least this length: for less, a lift costs more than the ink.
 LEAST_GAP_MM = 0.5
@@ -22,13 +20,15 @@ LEAST_GAP_MM = 0.5
 # A segment longer than this stands in the index in pieces; all segments together in at most so many.
 LONGEST_ENTRY_MM = 5.0
 MOST_PIECES = 500_000
-# Vertices looked up at a time: bounds the memory.
-QUERY = 50_000
+# Vertices looked up at a time, those of them looked up first to see how much will be found, and pairs found at a time, unless
+# one vertex has more: these bound the memory.
+QUERY = 16_384
+PROBE = 64
+AT_A_TIME = 1_000_000
+# Overlapping pairs that are gone through. Where there are more, some lines stay that lie on others: nothing is lost.
+MOST_PAIRS = 4_000_000
 # Segments of one vertex this far apart in direction (radians) are too short for their overlap to matter.
 WIDEST_ANGLE = 0.1
-
-Interval = tuple[float, float]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,34 +116,113 @@ def _uncovered(segments: _Segments, vertex: Ints, gone: dict[int, list[Interval]
     here = np.ones(len(segments.a), dtype=np.bool_)
     here[list(gone)] = False
     present = np.flatnonzero(here)
-    later, earlier = _overlapping(segments, vertex, present)
+    crowds = find_crowds(segments.a[present], segments.b[present])
+    crowd_of = {int(present[k]): (crowd, k) for crowd in crowds for k in crowd.members.tolist()}
+    here[list(crowd_of)] = False
+    alone = np.flatnonzero(here)
+    pairs, beside = _overlapping(segments, vertex, alone, crowds)
     left: dict[int, list[Interval]] = {}
-    for s, t in zip(later.tolist(), earlier.tolist(), strict=True):  # by rising s: what is left of t is known by now
-        for fractions in left.get(t, [(0.0, 1.0)]):
-            ends = segments.a[t] + np.array(fractions)[:, None] * (segments.b[t] - segments.a[t])
-            covered = _covered(segments.a[s], segments.b[s], ends)
-            if covered is not None:
-                left[s] = _subtract(left.get(s, [(0.0, 1.0)]), covered)
+    rows = np.flatnonzero(np.diff(pairs[:, 0], prepend=-1))
+    earlier_of = dict(zip(pairs[rows, 0].tolist(), np.split(pairs[:, 1], rows[1:]), strict=True)) if len(rows) else {}
+    for s in sorted({*earlier_of, *crowd_of, *beside}):  # what is left of the earlier ones is known by now
+        if s in crowd_of:
+            crowd, k = crowd_of[s]
+            left[s] = crowd.draw(k)
+            continue
+        a, b = segments.a[s], segments.b[s]
+        for t in earlier_of[s].tolist() if s in earlier_of else ():
+            for fractions in left.get(t, [(0.0, 1.0)]):
+                ends = segments.a[t] + np.array(fractions)[:, None] * (segments.b[t] - segments.a[t])
+                covered = _covered(a, b, ends, SAME_LINE_MM)
+                if covered is not None:
+                    left[s] = _subtract(left.get(s, [(0.0, 1.0)]), covered)
+        for other in beside.get(s, ()):
+            left[s] = _beside_crowd(a, b, left.get(s, [(0.0, 1.0)]), other)
     sliver = SAME_LINE_MM / segments.length
-    return {s: [i for i in intervals if i[1] - i[0] > sliver[s]] for s, intervals in left.items()}
+    whole = [(0.0, 1.0)]
+    return {s: [i for i in intervals if i[1] - i[0] > sliver[s]] for s, intervals in left.items() if intervals != whole}
 
 
-def _overlapping(segments: _Segments, vertex: Ints, present: Ints) -> tuple[Ints, Ints]:
-    """Pairs (later, earlier) of segments with a common stretch, by rising later. One of two such always ends on the other."""
-    a, b = segments.a[present], segments.b[present]
-    vertex = vertex.reshape(2, -1)[:, present].ravel()
-    pairs = np.concatenate((_from_one_vertex(a, b, vertex), _on_vertices(a, b, vertex)))
-    pairs = np.sort(pairs, axis=1)
-    pairs = pairs[_have_common(a, b, pairs[:, 1], pairs[:, 0])]
-    later, earlier = np.divmod(np.unique(pairs[:, 1] * len(a) + pairs[:, 0]), len(a))
-    return present[later], present[earlier]
+def _beside_crowd(a: Array, b: Array, left: list[Interval], crowd: Crowd) -> list[Interval]:
+    """What a crowd leaves of `left` of the segment from `a` to `b`, which then takes its place on the crowd's line."""
+    for ends in crowd.inked_beside(a, b):
+        covered = _covered(a, b, ends, SAME_LINE_MM - CROWD_MM)
+        if covered is not None:
+            left = _subtract(left, covered)
+    for fractions in left:
+        covered = _covered(crowd.a, crowd.b, a + np.array(fractions)[:, None] * (b - a), SAME_LINE_MM - CROWD_MM)
+        if covered is not None:
+            crowd.taken.add(covered[0] * crowd.length_mm, covered[1] * crowd.length_mm)
+    return left
 
 
-def _from_one_vertex(a: Array, b: Array, vertex: Ints) -> Ints:
-    """Pairs (k, 2) of segments that leave one vertex in about one direction. `vertex` (2 n,) numbers the ends, a's before b's.
+def _overlapping(
+    segments: _Segments, vertex: Ints, alone: Ints, crowds: Sequence[Crowd]
+) -> tuple[Ints, dict[int, list[Crowd]]]:
+    """Pairs (k, 2) of a later and an earlier segment of those `alone` that have a common stretch, by rising later, and the
+    crowds beside each segment. One of two that have a common stretch always ends on the other.
+    """
+    a = np.concatenate([segments.a[alone], *[crowd.a[None] for crowd in crowds]])
+    b = np.concatenate([segments.b[alone], *[crowd.b[None] for crowd in crowds]])
+    new = vertex.max() + 1 + np.arange(2 * len(crowds)).reshape(2, -1)
+    vertex = np.concatenate((vertex.reshape(2, -1)[:, alone], new), axis=1)
+    vertex = np.unique(vertex.ravel(), return_inverse=True)[1].ravel()
+    if len(a) == 0:
+        return np.zeros((0, 2), dtype=np.int64), {}
+    found = _Pairs(a, b)
+    _from_one_vertex(found, vertex)
+    _on_vertices(found, vertex)
+    pairs = found.all()
+    with_crowd = pairs[:, 0] >= len(alone)
+    beside: dict[int, list[Crowd]] = {}
+    for crowd, k in pairs[with_crowd].tolist():
+        if k < len(alone):
+            beside.setdefault(int(alone[k]), []).append(crowds[crowd - len(alone)])
+    return alone[pairs[~with_crowd]], beside
+
+
+class _Pairs:
+    """Pairs of the segments from `a` to `b` (n, 2) that have a common stretch, each once, as they are found."""
+
+    def __init__(self, a: Array, b: Array) -> None:
+        self.a, self.b = a, b
+        self._found: list[Ints] = []
+        self._waiting = 0
+        self._kept = 0
+
+    def add(self, one: Ints, other: Ints) -> None:
+        """Those of (one, other) that may have a common stretch."""
+        for low in range(0, len(one), AT_A_TIME):
+            s, t = one[low : low + AT_A_TIME], other[low : low + AT_A_TIME]
+            later, earlier = np.maximum(s, t), np.minimum(s, t)
+            common = _have_common(self.a, self.b, later, earlier)
+            self._found.append(later[common] * len(self.a) + earlier[common])
+            self._waiting += len(self._found[-1])
+            if self._waiting > max(self._kept, AT_A_TIME):
+                self._compact()
+
+    def _compact(self) -> None:
+        """Each pair once; of more than MOST_PAIRS, for each later segment the same number with the earliest ones."""
+        found = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *self._found]))
+        if len(found) > MOST_PAIRS:
+            later = found // len(self.a)
+            starts = np.flatnonzero(np.diff(later, prepend=-1))
+            rank = np.arange(len(found)) - np.repeat(starts, np.diff(np.append(starts, len(found))))
+            found = found[rank < max(1, MOST_PAIRS // len(starts))]
+        self._found, self._kept, self._waiting = [found], len(found), 0
+
+    def all(self) -> Ints:
+        """The pairs (k, 2), later and earlier, in rising order."""
+        self._compact()
+        return np.stack(np.divmod(self._found[0], len(self.a)), axis=1)
+
+
+def _from_one_vertex(pairs: _Pairs, vertex: Ints) -> None:
+    """Add the segments that leave one vertex in about one direction. `vertex` (2 n,) numbers the ends, a's before b's.
 
     Sorted by angle such segments stand together, so that a star is not searched pair by pair.
     """
+    a, b = pairs.a, pairs.b
     count = len(a)
     ends = np.flatnonzero(_may_share_direction(a, b, vertex))
     span = np.concatenate((b - a, a - b))[ends]
@@ -156,7 +235,6 @@ def _from_one_vertex(a: Array, b: Array, vertex: Ints) -> Ints:
     reach = np.concatenate((reach, reach[wrapped]))
     order = np.lexsort((angle, at))
     segment, at, angle, reach = segment[order], at[order], angle[order], reach[order]
-    found = [np.zeros((0, 2), dtype=np.int64)]
     for step in (1, -1):  # each looks as far as its own reach, both ways
         here, there = np.arange(len(order)), np.arange(len(order))
         while len(here):
@@ -166,8 +244,7 @@ def _from_one_vertex(a: Array, b: Array, vertex: Ints) -> Ints:
             near = (at[here] == at[there]) & (np.abs(angle[there] - angle[here]) <= reach[here])
             here, there = here[near], there[near]
             other = segment[here] != segment[there]
-            found.append(np.stack((segment[here[other]], segment[there[other]]), axis=1))
-    return np.concatenate(found)
+            pairs.add(segment[here[other]], segment[there[other]])
 
 
 def _may_share_direction(a: Array, b: Array, vertex: Ints) -> NDArray[np.bool_]:
@@ -180,24 +257,41 @@ def _may_share_direction(a: Array, b: Array, vertex: Ints) -> NDArray[np.bool_]:
     return possible
 
 
-def _on_vertices(a: Array, b: Array, vertex: Ints) -> Ints:
-    """Pairs (k, 2) of segments of which one ends on the other, but not in its end."""
+def _on_vertices(pairs: _Pairs, vertex: Ints) -> None:
+    """Add the segments of which one ends on the other, but not in its end."""
+    a, b = pairs.a, pairs.b
     count = len(a)
     tree, owner = _index(a, b)
     by_vertex = np.argsort(vertex, kind="stable")
     starts = np.searchsorted(vertex[by_vertex], np.arange(vertex.max() + 2))
-    points = np.concatenate((a, b))[by_vertex[np.minimum(starts[:-1], 2 * count - 1)]]
-    found = [np.zeros((0, 2), dtype=np.int64)]
-    for low in range(0, len(points), QUERY):
-        of, on = tree.query(shapely.points(points[low : low + QUERY]), predicate="dwithin", distance=SAME_LINE_MM)
+    points = np.concatenate((a, b))[by_vertex[starts[:-1]]]
+    for low, of, on in _near(tree, points):
         at, segment = low + of, owner[on]
         inside = (vertex[segment] != at) & (vertex[segment + count] != at)
         at, segment = at[inside], segment[inside]
         degree = starts[at + 1] - starts[at]
-        nth = np.arange(int(degree.sum())) - np.repeat(np.cumsum(degree) - degree, degree)
-        ending = by_vertex[np.repeat(starts[at], degree) + nth] % count
-        found.append(np.stack((ending, np.repeat(segment, degree)), axis=1))
-    return np.concatenate(found)
+        parts = np.searchsorted(np.cumsum(degree), np.arange(AT_A_TIME, int(degree.sum()), AT_A_TIME))
+        for part in np.split(np.arange(len(at)), parts):
+            many = degree[part]
+            nth = np.arange(int(many.sum())) - np.repeat(np.cumsum(many) - many, many)
+            pairs.add(by_vertex[np.repeat(starts[at[part]], many) + nth] % count, np.repeat(segment[part], many))
+
+
+def _near(tree: shapely.STRtree, points: Array) -> Iterator[tuple[int, Ints, Ints]]:
+    """First of some points, and of each entry within reach of one of them the number of the point, from there, and its own."""
+    low, size = 0, QUERY
+    while low < len(points):
+        some = shapely.points(points[low : low + size])
+        if len(some) > 1:
+            probe = some[:: -(-len(some) // PROBE)]
+            found = tree.query(probe, predicate="dwithin", distance=SAME_LINE_MM).shape[1]
+            if found * len(some) > AT_A_TIME * len(probe):
+                size = len(some) // 2
+                continue
+        of, on = tree.query(some, predicate="dwithin", distance=SAME_LINE_MM)
+        yield low, of, on
+        low += len(some)
+        size = min(2 * size, QUERY)
 
 
 def _index(a: Array, b: Array) -> tuple[shapely.STRtree, Ints]:
@@ -226,7 +320,7 @@ def _have_common(a: Array, b: Array, s: Ints, t: Ints) -> NDArray[np.bool_]:
     return np.asarray(parallel & (common > SAME_LINE_MM))
 
 
-def _covered(a: Array, b: Array, other: Array) -> Interval | None:
+def _covered(a: Array, b: Array, other: Array, within_mm: float) -> Interval | None:
     """The part of the segment from a to b that lies along the segment `other` (2, 2), as fractions, or None."""
     span = b - a
     length = float(np.hypot(span[0], span[1]))
@@ -238,7 +332,7 @@ def _covered(a: Array, b: Array, other: Array) -> Interval | None:
     low, high = max(0.0, float(reach[0])), min(length, float(reach[1]))
     if high - low <= SAME_LINE_MM:
         return None
-    if np.abs(np.interp((low, high), reach, aside)).max() > SAME_LINE_MM:
+    if np.abs(np.interp((low, high), reach, aside)).max() > within_mm:
         return None
     return low / length, high / length
 

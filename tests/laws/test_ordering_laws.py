@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from planning.geometry.stroke import Layer, Stroke
 from planning.motion.limits import Kinematics, Limits
 from planning.ordering.arrange import OrderOptions, order_layers, travel
-from planning.ordering.duplicates import SAME_LINE_MM
+from planning.ordering.crowds import SAME_LINE_MM
 from planning.ordering.greedy import greedy_route
 from planning.ordering.improve import Costs, Effort, improve, near_nodes
 from planning.ordering.kicks import kick
