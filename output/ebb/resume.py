@@ -65,10 +65,21 @@ def position_lost(board: Board, state: PlotState) -> str | None:
     """
     token = state.part.get("token", state.head.get("token"))
     if not isinstance(token, int) or not board.has_token(token):
-        return "the board was switched off, restarted or given another job since"
+        return "the board was switched off, restarted, let go of its motors or given another job since"
     if board.motors_off():
         return "the motors were switched off since, so that the carriage can have been moved"
     return None
+
+
+def ran_out(board: Board, state: PlotState, commands: int) -> bool:
+    """Whether the board has executed all `commands` of the part by itself, though nobody was there any more to note it.
+
+    The last command switches the motors off, and a plot that was cut off in its last second had sent it. Whoever lets go of the
+    motors otherwise (`Board.begin_job`, a restart, a stop) has taken the token away or is in the journal.
+    """
+    began = bool(state.strokes_done) or state.stroke is not None
+    may_have = state.ended is None and began and state.sent >= commands
+    return may_have and board.motors_off() and board.steps() == (0, 0)
 
 
 def find_place(

@@ -249,6 +249,7 @@ def _let_go(port: str | None, settings: Settings) -> None:
         one.wait_until_still(_PEN_TIMEOUT_S)
         one.send(EM(0, 0))
         one.wait_until_still(_PEN_TIMEOUT_S)
+        one.begin_job()  # the carriage may be pushed now: a plot that was interrupted must not take the board for its own
 
 
 def position_mm(one: Board, settings: Settings) -> np.ndarray:

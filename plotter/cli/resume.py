@@ -7,10 +7,11 @@ from contextlib import suppress
 import click
 import numpy as np
 
+from output.ebb.commands import Command
 from output.ebb.encode import BoardSetup
 from output.ebb.journal import Journal, PlotState
 from output.ebb.ports import choose_port, wait_for_board
-from output.ebb.resume import Place, find_place, position_lost
+from output.ebb.resume import Place, find_place, position_lost, ran_out
 from output.ebb.session import Board, connect
 from output.errors import BoardRefused, LinkLost
 from plotter.board_setup import board_setup
@@ -47,8 +48,7 @@ def resume(port: str | None, homed: bool) -> None:
         board.clear()
         setup = board_setup(job.settings, job.machine, board.firmware)
         lost = None if homed else position_lost(board, state)
-        if lost and len(state.strokes_done) == job.stroke_count:
-            # Cut off after the motors were switched off, which comes last: whatever became of the position, no line is left.
+        if lost and _all_drawn(job, setup, state, board):
             with Journal.reopen(journal_path()) as journal:
                 journal.end("done", None)
             click.echo(f"resumed {job.name}: all of it had been drawn; the pen is up")
@@ -73,6 +73,17 @@ def _port(state: PlotState, wanted: str | None) -> str:
         with suppress(LinkLost):
             return wait_for_board(nickname, _BACK_TIMEOUT_S)
     return choose_port(wanted)
+
+
+def _all_drawn(job: Job, setup: BoardSetup, state: PlotState, board: Board) -> bool:
+    """Whether no line is left to draw, whatever became of the position: by the journal, or by what the board did on its own."""
+    if len(state.strokes_done) == job.stroke_count:
+        return True
+    token = state.part.get("token")
+    if not (isinstance(token, int) and board.has_token(token) and board.motors_off()):
+        return False
+    items = part_program(job, setup, Part.of(state.part))
+    return ran_out(board, state, sum(isinstance(item, Command) for item in items))
 
 
 def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: bool) -> Place:

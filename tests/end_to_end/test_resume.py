@@ -114,6 +114,22 @@ def test_a_plot_that_was_killed_after_its_last_command_is_finished(drawing: Path
         assert run(["resume", "--port", board.port]) == 2
 
 
+def test_after_a_kill_the_board_finished_by_itself_or_its_motors_were_let_go(
+    drawing: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A second of motion is on the board: killed in its last one, a plot runs to its end. Motors let go by hand differ."""
+    with start_virtual_board() as board:
+        plot_and_kill(drawing, board, 5.6, signal.SIGKILL)
+        assert run(["resume", "--port", board.port]) == 0, capsys.readouterr().err
+        assert "all of it had been drawn" in capsys.readouterr().out
+        check_whole(board, drawing)
+    with start_virtual_board() as board:
+        plot_and_kill(drawing, board, 2.0, signal.SIGKILL)
+        assert run(["align", "--port", board.port]) == 0
+        assert run(["resume", "--port", board.port]) == 3
+        assert "plotter resume --homed" in capsys.readouterr().err
+
+
 def test_a_plot_from_where_the_pen_was_is_resumed(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its order depends on where it began, and its counters went on from there."""
     with start_virtual_board() as board:
