@@ -43,7 +43,12 @@ class Pace:
 
     def seconds(self, strokes: Sequence[Stroke]) -> Array:
         """How long each stroke takes, (n,)."""
-        return np.array([self.stroke_s + stroke.length_mm / self.draw_mm_s for stroke in strokes])
+        if not strokes:
+            return np.zeros(0)
+        sizes = np.array([len(stroke.points_mm) for stroke in strokes])
+        way = np.hypot(*np.diff(np.concatenate([*(stroke.points_mm for stroke in strokes), np.zeros((1, 2))]), axis=0).T)
+        way[np.cumsum(sizes) - 1] = 0.0  # from one stroke to the next
+        return np.asarray(self.stroke_s + np.add.reduceat(way, np.cumsum(sizes) - sizes) / self.draw_mm_s)
 
 
 def ordering_s(strokes: Sequence[Stroke], *, best: bool, budget_s: float) -> float:
