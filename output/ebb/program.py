@@ -60,3 +60,14 @@ class Note:
 
 Mark = LayerMark | ApproachMark | DipMark | StrokeMark | StrokeEnd | PauseMark | Note
 Program = Iterable[Command | Mark]
+
+
+# What changes how the board answers, or empties its queue, beginnings of the wire form.
+_NOT_IN_A_STREAM = ("R,", "RB,", "BL,", "CU,10,", "CU,54,", "CU,1,", "SN,", "ES,")
+
+
+def refused_in_a_stream(command: Command) -> str | None:
+    """Why a program must not hold this command; None when it may."""
+    if f"{command.wire()},".startswith(_NOT_IN_A_STREAM):
+        return f"{command.wire()} cannot be part of a stream, because it changes how the board answers: remove it"
+    return None

@@ -26,9 +26,10 @@ from output.ebb.arithmetic import (
     ticks_of_wait,
 )
 from output.ebb.command_file import Line
-from output.ebb.commands import CS, CU, EM, LT, S2, SC, SM, SP, T3, TD, TP, XM, Command, MotionCommand, R
+from output.ebb.commands import CS, CU, EM, ES, LT, RB, S2, SC, SM, SP, T3, TD, TP, XM, Command, MotionCommand, R
+from output.ebb.commands_pins import BL
 from output.ebb.firmware import Firmware
-from output.ebb.program import DipMark, LayerMark, Mark, Note, PauseMark, StrokeMark
+from output.ebb.program import DipMark, LayerMark, Mark, Note, PauseMark, StrokeEnd, StrokeMark, refused_in_a_stream
 
 Ints = NDArray[np.int64]
 
@@ -103,6 +104,7 @@ class Replay:
     _pen_rp: int = _PEN_PIN
     _falling: int | None = None
     _dipping: bool = False
+    _ends: list[tuple[int, int, StrokeEnd]] = field(default_factory=list)
     _tag: tuple[bool, int, int] = (False, 0, -1)
     _line: int = 0
     _rows: list[_Row] = field(default_factory=list)
@@ -168,12 +170,26 @@ class Replay:
                 self.layer_names[number] = name
             case StrokeMark(index=index):
                 self._tag = (down, layer, index)
+            case StrokeEnd() if self.motors_on:  # else it is part of a program, whose counters began elsewhere
+                self._ends.append((len(self._rows), self._line, mark))
+                if not self._rows:
+                    self._check_ends(np.array([self._state.position]))
             case PauseMark():
                 self.pauses += 1
             case DipMark():
                 self._dipping = True
             case Note(text=text):
                 self.notes.append(text)
+
+    def _check_ends(self, counters: Ints) -> None:
+        """Strokes that end, `counters` being those before each row and after the last, where the file says that they do not."""
+        for row, line, end in self._ends:
+            here, wanted = tuple(counters[row].tolist()), end.steps
+            if here != wanted:
+                where = f"line {line}: " if line else ""
+                at = f"ends at {here[0]}, {here[1]} steps and should at {wanted[0]}, {wanted[1]}"
+                self.problems.append(f"{where}stroke {end.index} {at}: commands are missing or changed; export it again")
+        self._ends = []
 
     def _is_timed(self, command: Command) -> bool:
         """Whether the command's sum of rates can be added up with arrays: or it only waits."""
@@ -266,10 +282,16 @@ class Replay:
 
     def _immediate(self, command: Command, index: int) -> None:
         match command:
+            case RB() | BL():
+                self._problem(refused_in_a_stream(command) or command.wire())
+            case R() | ES():
+                self.warnings.append(f"{command.wire()} ends whatever moves: `plotter send` refuses it")
+                if isinstance(command, R):
+                    self._clear()
             case EM():
                 self._enable(command)
                 self._still(1, WAIT, index)
-            case CS() | R():
+            case CS():
                 self._clear()
             case SC(number=4):
                 self._servo = (command.value, self._servo[1])
@@ -288,6 +310,8 @@ class Replay:
     def _enable(self, command: EM) -> None:
         """EM clears counters and accumulators and may change the step size."""
         self._clear()
+        if self.pen_down and not (command.enable1 and (command.enable2 is None or command.enable2)):
+            self._problem(f"{command.wire()} lets go of the motors while the pen is down: lift it first")
         self.motors_on = bool(command.enable1)
         if command.enable1 >= self.microsteps:
             self._scale = 1 << (command.enable1 - self.microsteps)
@@ -390,6 +414,7 @@ class Replay:
         start = [self._state.position[axis] * ONE_STEP + self._state.acc[axis] for axis in (0, 1)]
         phase = np.vstack((np.array([start]), start + np.cumsum(total, axis=0)))
         counter, k = phase >> 31, self._scale
+        self._check_ends(counter)
         self._state = State(
             (int(counter[-1, 0]), int(counter[-1, 1])),
             (int(phase[-1, 0]) & (ONE_STEP - 1), int(phase[-1, 1]) & (ONE_STEP - 1)),

@@ -24,7 +24,17 @@ from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, complaint, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.producer import Item, Producer
-from output.ebb.program import ApproachMark, DipMark, LayerMark, Mark, PauseMark, Program, StrokeEnd, StrokeMark
+from output.ebb.program import (
+    ApproachMark,
+    DipMark,
+    LayerMark,
+    Mark,
+    PauseMark,
+    Program,
+    StrokeEnd,
+    StrokeMark,
+    refused_in_a_stream,
+)
 from output.ebb.protocol import Event, Reply
 from output.errors import BadCommand, BoardRefused
 
@@ -42,8 +52,6 @@ _BUTTON_PRESSES, _BUTTON_STUCK_S = 3, 1.0
 _SLEPT_S = 0.5
 # How much longer than predicted the oldest command may take before the board is said to be stuck.
 _STUCK_MARGIN_S = 5.0
-# These change the conversation itself or drop the board off the USB; a stream cannot contain them.
-_NOT_IN_A_STREAM = ("R,", "RB,", "BL,", "CU,10,", "CU,54,", "CU,1,", "SN,", "ES,")
 
 FIFO_BIT, EXECUTING_BIT, PEN_UP_BIT, BUTTON_BIT, POWER_LOST_BIT = 0x01, 0x08, 0x10, 0x20, 0x40
 
@@ -265,8 +273,8 @@ class Streamer:
 
     def _send(self, command: Command) -> None:
         wire = command.wire()
-        if f"{wire},".startswith(_NOT_IN_A_STREAM):
-            raise BadCommand(f"{wire} cannot be part of a stream, because it changes how the board answers: remove it")
+        if (refusal := refused_in_a_stream(command)) is not None:
+            raise BadCommand(refusal)
         for extra in self._before_send(command):
             self._talk.send(extra)
         if self._journal is not None:

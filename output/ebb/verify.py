@@ -314,7 +314,7 @@ class _Check:
             else:
                 r.warnings.append(f"{jump}: the motors follow, but can be heard and felt")
         if r.pen_down_at_end:
-            r.warnings.append("the pen is still down at the end")
+            r.problems.append("the pen is still down at the end, and would stay on the paper: end with SP,1")
         if travel_mm is not None and r.travel_bounds_mm is not None:
             reach, way = np.array(travel_mm), np.array(r.travel_bounds_mm)
             if (way[:2] < reach[:2] - _SLACK_MM).any() or (way[2:] > reach[2:] + _SLACK_MM).any():

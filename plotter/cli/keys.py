@@ -29,7 +29,8 @@ def keys(stop: StopFlag) -> Iterator[bool]:
     read_end, write_end = os.pipe()
     listener = threading.Thread(target=_listen, args=(descriptor, read_end, stop), daemon=True, name="keys")
     try:
-        tty.setcbreak(descriptor)  # single keys, no echo; Ctrl-C stays a signal
+        # Single keys, no echo; Ctrl-C stays a signal. What was typed while the drawing was prepared counts.
+        tty.setcbreak(descriptor, termios.TCSADRAIN)
         listener.start()
         yield True
     finally:

@@ -98,6 +98,8 @@ def run(arguments: list[str] | None = None) -> int:
         return result if isinstance(result, int) else DONE
     except click.exceptions.Abort:
         return INTERRUPTED
+    except SystemExit:  # click's answer to a pipe that nobody reads any more
+        return DONE
     except click.ClickException as error:
         _say(error.format_message() + _usage_hint(error))
         return BAD_INPUT

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
+
 import click
 
 from output.ebb.command_file import Line, read_command_file
+from output.ebb.commands import Command
 from output.ebb.firmware import firmware
 from output.ebb.ports import choose_port
+from output.ebb.program import PauseMark, refused_in_a_stream
 from output.ebb.session import connect
 from output.ebb.verify import verify
 from output.ebb.virtual.process import start_virtual_board
 from plotter.cli.awake import awake
 from plotter.cli.options import SIM
+from plotter.cli.say import notes
 from plotter.cli.streaming import finish, patience_s, streamed
-from plotter.cli.verify import DEFAULT_FIRMWARE, DEFAULT_MACHINE
+from plotter.cli.verify import DEFAULT_FIRMWARE, DEFAULT_MACHINE, head_faults
 from plotter.errors import BadInput
 from plotter.machines.profile import load_machine
 from plotter.units import spoken_duration
@@ -50,11 +56,24 @@ def _send_to(port: str, file: str, header: dict[str, str], items: list[Line], bo
     machine = load_machine(header.get("machine", DEFAULT_MACHINE))
     with awake(), connect(port, board_speed=board_speed) as board:
         reach = (0.0, 0.0, machine.width_mm, machine.height_mm)
-        report = verify(items, firmware(board.firmware), machine.kinematics(), travel_mm=reach, keep_strokes=False)
+        faults = [fault for line in items if isinstance(line.item, Command) and (fault := refused_in_a_stream(line.item))]
+        report = verify(
+            items, firmware(board.firmware), machine.kinematics(), travel_mm=reach, keep_strokes=False, problems=faults
+        )
+        report.problems += head_faults(header, report)
         if not report.sendable:
             raise BadInput(
                 f"{file} was not sent to firmware {board.firmware}: {report.problems[0]}; see `plotter verify {file}`"
             )
+        if not sys.stdin.isatty():
+            items = list(_without_pauses(items))
         ended = streamed(board, (line.item for line in items), [report.duration_s])
     finish(ended, f"{file} on {board.port_name}")
     click.echo(f"sent {file}: {report.commands} commands, {spoken_duration(report.duration_s)} of board time")
+
+
+def _without_pauses(items: list[Line]) -> Iterator[Line]:
+    """Nobody is at a keyboard, and a pause would never end: it is said, once for each, and passed over."""
+    pauses = [line.item.message for line in items if isinstance(line.item, PauseMark)]
+    notes(f"the pause '{message}' is passed over: nobody is at a keyboard" for message in pauses)
+    return (line for line in items if not isinstance(line.item, PauseMark))

@@ -63,6 +63,7 @@ def verify_file(
     board = firmware(version or DEFAULT_FIRMWARE)
     reach = (0.0, 0.0, machine.width_mm, machine.height_mm)
     report = verify(lines, board, machine.kinematics(), travel_mm=reach, problems=faults)
+    report.problems += head_faults(header, report)
     if not report.commands:
         raise BadInput(f"{file} holds no board commands" + (f": {faults[0]}" if faults else "; give a file that export wrote"))
     if version is None:
@@ -78,6 +79,15 @@ def verify_file(
     click.echo(json.dumps(_rounded(values), indent=2) if as_json else text)
     if not report.sendable:
         raise BadInput(f"{file} should not be sent: {report.problems[0]}" + _more(report.problems))
+
+
+def head_faults(header: dict[str, str], report: Report) -> list[str]:
+    """What the head of a command file says of it and is not so: it was cut short, or changed by hand."""
+    said = header.get("commands", "")
+    if said.isdigit() and int(said) != report.commands:
+        wrong = f"its head says {said} commands, it holds {report.commands}"
+        return [f"{wrong}: it was cut short or changed; export it again, or correct its head"]
+    return []
 
 
 def _compared(report: Report, drawing: str, placement: Placement, reading: ReadOptions) -> Comparison:
