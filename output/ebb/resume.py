@@ -71,15 +71,19 @@ def position_lost(board: Board, state: PlotState) -> str | None:
     return None
 
 
-def ran_out(board: Board, state: PlotState, commands: int) -> bool:
-    """Whether the board has executed all `commands` of the part by itself, though nobody was there any more to note it.
+def ran_out(board: Board, state: PlotState, program: Program) -> bool:
+    """Whether the board has executed all of the part's `program` by itself, though nobody was there any more to note it.
 
     The last command switches the motors off, and a plot that was cut off in its last second had sent it. Whoever lets go of the
     motors otherwise (`Board.begin_job`, a restart, a stop) has taken the token away or is in the journal.
     """
     began = bool(state.strokes_done) or state.stroke is not None
-    may_have = state.ended is None and began and state.sent >= commands
-    return may_have and board.motors_off() and board.steps() == (0, 0)
+    token = state.part.get("token")
+    if state.ended is not None or not began or not isinstance(token, int) or not board.has_token(token):
+        return False
+    if not board.motors_off() or board.steps() != (0, 0):
+        return False
+    return state.sent >= sum(isinstance(item, Command) for item in program)
 
 
 def find_place(

@@ -28,7 +28,7 @@ from planning.motion.plan import Action, OperatorPause, Travel
 from planning.motion.travel import travel
 from plotter.board_setup import HOME_MM
 from plotter.cli.keys import keys
-from plotter.cli.say import Bar, notes, progress_bar
+from plotter.cli.say import Bar, notes, passed_over, progress_bar
 from plotter.cli.streaming import Ended, guesses_s
 from plotter.journals import Part, layers_left, part_actions, part_after, part_beginning, position_mm
 from plotter.pipeline import Job, motion_settings
@@ -161,4 +161,4 @@ def _without_pauses(actions: Iterator[Action]) -> Iterator[Action]:
             yield action
         elif action.message not in said:
             said.add(action.message)
-            notes([f"the pause '{action.message}' is passed over: nobody is at a keyboard"])
+            notes([passed_over(action.message)])

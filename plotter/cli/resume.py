@@ -7,7 +7,6 @@ from contextlib import suppress
 import click
 import numpy as np
 
-from output.ebb.commands import Command
 from output.ebb.encode import BoardSetup
 from output.ebb.journal import Journal, PlotState
 from output.ebb.ports import choose_port, wait_for_board
@@ -77,13 +76,8 @@ def _port(state: PlotState, wanted: str | None) -> str:
 
 def _all_drawn(job: Job, setup: BoardSetup, state: PlotState, board: Board) -> bool:
     """Whether no line is left to draw, whatever became of the position: by the journal, or by what the board did on its own."""
-    if len(state.strokes_done) == job.stroke_count:
-        return True
-    token = state.part.get("token")
-    if not (isinstance(token, int) and board.has_token(token) and board.motors_off()):
-        return False
-    items = part_program(job, setup, Part.of(state.part))
-    return ran_out(board, state, sum(isinstance(item, Command) for item in items))
+    drawn = len(state.strokes_done) == job.stroke_count
+    return drawn or ran_out(board, state, part_program(job, setup, Part.of(state.part)))
 
 
 def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: bool) -> Place:

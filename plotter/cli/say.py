@@ -22,6 +22,11 @@ def notes(sentences: Iterable[str]) -> None:
         click.echo(f"note: {sentence}", err=True)
 
 
+def passed_over(message: str) -> str:
+    """What is said of a pause that nobody could end."""
+    return f"the pause '{message}' is passed over: nobody is at a keyboard"
+
+
 class Bar:
     """A progress bar on stderr, when that is a terminal: strokes done and board time left.
 

@@ -17,7 +17,7 @@ from output.ebb.verify import verify
 from output.ebb.virtual.process import start_virtual_board
 from plotter.cli.awake import awake
 from plotter.cli.options import SIM
-from plotter.cli.say import notes
+from plotter.cli.say import notes, passed_over
 from plotter.cli.streaming import finish, patience_s, streamed
 from plotter.cli.verify import DEFAULT_FIRMWARE, DEFAULT_MACHINE, head_faults
 from plotter.errors import BadInput
@@ -47,12 +47,15 @@ def send(file: str, port: str | None, speed: float) -> None:
     version = header.get("firmware", DEFAULT_FIRMWARE)
     if where == SIM:
         with start_virtual_board(firmware=version, speed=speed, keep_wire=False, patience_s=patience_s(speed)) as virtual:
-            _send_to(virtual.port, file, header, items, speed)
+            _send_to(virtual.port, file, header, items, speed, attended=sys.stdin.isatty())
         return
     _send_to(where, file, header, items, 1.0)
 
 
-def _send_to(port: str, file: str, header: dict[str, str], items: list[Line], board_speed: float) -> None:
+def _send_to(
+    port: str, file: str, header: dict[str, str], items: list[Line], board_speed: float, *, attended: bool = True
+) -> None:
+    """`attended`: somebody can end a pause, by key or by a real board's button."""
     machine = load_machine(header.get("machine", DEFAULT_MACHINE))
     with awake(), connect(port, board_speed=board_speed) as board:
         reach = (0.0, 0.0, machine.width_mm, machine.height_mm)
@@ -65,7 +68,7 @@ def _send_to(port: str, file: str, header: dict[str, str], items: list[Line], bo
             raise BadInput(
                 f"{file} was not sent to firmware {board.firmware}: {report.problems[0]}; see `plotter verify {file}`"
             )
-        if not sys.stdin.isatty():
+        if not attended:
             items = list(_without_pauses(items))
         ended = streamed(board, (line.item for line in items), [report.duration_s])
     finish(ended, f"{file} on {board.port_name}")
@@ -73,7 +76,6 @@ def _send_to(port: str, file: str, header: dict[str, str], items: list[Line], bo
 
 
 def _without_pauses(items: list[Line]) -> Iterator[Line]:
-    """Nobody is at a keyboard, and a pause would never end: it is said, once for each, and passed over."""
-    pauses = [line.item.message for line in items if isinstance(line.item, PauseMark)]
-    notes(f"the pause '{message}' is passed over: nobody is at a keyboard" for message in pauses)
+    """A virtual board with nobody at a keyboard: a pause would never end, so it is said, once for each, and passed over."""
+    notes(passed_over(line.item.message) for line in items if isinstance(line.item, PauseMark))
     return (line for line in items if not isinstance(line.item, PauseMark))
