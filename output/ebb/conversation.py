@@ -1,11 +1,12 @@
 """Commands with deadlines over one port: the protocol core, the port and the clock brought together.
 
-Every command has its own bound for its reply. Motion is never sent again: a reply that did not come may mean a command that was
-done. Clock: the host's monotonic seconds.
+Every command has its own bound for its reply, in time spent waiting for it. Motion is never sent again: a reply that did not
+come may mean a command that was done. Clock: the host's monotonic seconds.
 """
 
 from __future__ import annotations
 
+import math
 import secrets
 import time
 from collections import deque
@@ -18,7 +19,7 @@ from output.errors import BoardRefused, LinkLost
 
 # The slowest command to parse takes the board 6 ms; the rest of this second is for a busy host and a slow USB hub.
 REPLY_TIMEOUT_S = 1.0
-_LONGEST_WAIT_S = 0.25
+_LONGEST_WAIT_S, _NOTHING_S = 0.25, 1e-6
 _CLOCKS_TOGETHER_S, _CLOCK_READINGS = 0.05, 20
 
 Clock = Callable[[], float]
@@ -28,7 +29,7 @@ Clock = Callable[[], float]
 class _Due:
     number: int
     wire: str
-    deadline: float
+    overdue_at_s: float
     timeout_s: float
 
 
@@ -40,6 +41,7 @@ class Conversation:
         self.clock = clock
         self.protocol = protocol or Protocol()
         self._due: deque[_Due] = deque()
+        self._waited_s = 0.0
 
     @property
     def pending(self) -> int:
@@ -49,22 +51,24 @@ class Conversation:
     def send(self, wire: str, timeout_s: float = REPLY_TIMEOUT_S) -> int:
         """Writes a command; its number comes back with its reply. Raises LinkLost."""
         number, data = self.protocol.send(wire)
-        self._due.append(_Due(number, wire, self.clock() + timeout_s, timeout_s))
+        self._due.append(_Due(number, wire, self._waited_s + timeout_s, timeout_s))
         self.port.send(data)
         return number
 
     def receive(self, timeout_s: float) -> list[Event]:
         """What the board says within `timeout_s`; returns at the first news, or early when the port is woken.
 
-        Raises LinkLost when the port is gone, or when the oldest reply is overdue and nothing is waiting to be read: bytes that
-        came while this program was held up count as in time.
+        Raises LinkLost when the port is gone, or when the oldest reply is overdue. Only time spent waiting here counts: when
+        this program was held up (SIGSTOP, a busy computer), the board or the system between may have had no turn either.
         """
-        until_due = self._due[0].deadline - self.clock() if self._due else timeout_s
-        data = self.port.receive(max(0.0, min(timeout_s, until_due, _LONGEST_WAIT_S)))
-        if not data and self._due and self.clock() >= self._due[0].deadline:
+        allowed_s = max(0.0, min(timeout_s, self._left_s(), _LONGEST_WAIT_S))
+        before = self.clock()
+        data = self.port.receive(allowed_s)
+        self._waited_s += min(self.clock() - before, allowed_s)
+        if not data and self._left_s() < _NOTHING_S:
             # A wait that a signal cut short after its time (SIGCONT) comes back empty without having looked.
             data = self.port.receive(0.0)
-        if not data and self._due and self.clock() >= self._due[0].deadline:
+        if not data and self._left_s() < _NOTHING_S:
             late = self._due[0]
             raise LinkLost(
                 f"{self.port.name}: no answer to {late.wire!r} within {late.timeout_s:g} s, so the board hangs or a reply "
@@ -75,6 +79,10 @@ class Conversation:
             if isinstance(event, Reply | Refusal):
                 self._settle(event.number)
         return events
+
+    def _left_s(self) -> float:
+        """For how long the oldest reply may still be waited for."""
+        return self._due[0].overdue_at_s - self._waited_s if self._due else math.inf
 
     def _settle(self, number: int) -> None:
         while self._due and self._due[0].number <= number:

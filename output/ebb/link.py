@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import select
 import selectors
 import threading
 from typing import Any, Protocol
@@ -81,13 +82,26 @@ class SerialPort:
 
     def send(self, data: bytes) -> None:
         try:
-            self._serial.write(data)
+            if self._fd is None:
+                self._serial.write(data)
+            else:
+                self._write(self._fd, data)
         except serial.SerialTimeoutException as error:
             raise LinkLost(
                 f"{self.name} took no bytes for {WRITE_TIMEOUT_S} s: the board hangs or its cable is bad; plug it in again"
             ) from error
         except _PORT_ERRORS as error:
             raise self._lost(error) from error
+
+    @staticmethod
+    def _write(fd: int, data: bytes) -> None:
+        """As pyserial's, which takes a write for late when the process was stopped (SIGSTOP) in the middle of it."""
+        while data:
+            with contextlib.suppress(BlockingIOError):
+                data = data[os.write(fd, data) :]
+            # A wait that outlasted its time because the process was stopped has not looked: it is done again without waiting.
+            if data and not (_writable(fd, WRITE_TIMEOUT_S) or _writable(fd, 0.0)):
+                raise serial.SerialTimeoutException
 
     def receive(self, timeout_s: float) -> bytes:
         try:
@@ -139,6 +153,10 @@ class SerialPort:
 
     def _lost(self, error: BaseException) -> LinkLost:
         return LinkLost(f"the link to {self.name} is lost ({_reason(error)}): check the USB cable and the board's power")
+
+
+def _writable(fd: int, timeout_s: float) -> bool:
+    return bool(select.select([], [fd], [], timeout_s)[1])
 
 
 def _open(name: str) -> Any:

@@ -216,8 +216,8 @@ def test_a_host_that_is_stopped_for_a_while(tmp_path: Path) -> None:
             process.send_signal(signal.SIGSTOP)
             time.sleep(0.5)
             process.send_signal(signal.SIGCONT)
-        code, _ = outcome(process)
-        assert code == 0
+        code, said = outcome(process)
+        assert code == 0, said
         record = check_board(board)
         check_plan_is_inked(record["ink"], ITEMS)
         assert record["underruns"] == 0
@@ -229,8 +229,8 @@ def test_a_stopped_host_past_every_deadline(tmp_path: Path) -> None:
         process.send_signal(signal.SIGSTOP)
         time.sleep(2.5)
         process.send_signal(signal.SIGCONT)
-        code, _ = outcome(process)
-        assert code == 0
+        code, said = outcome(process)
+        assert code == 0, said
         check_plan_is_inked(check_board(board)["ink"], ITEMS)
 
 

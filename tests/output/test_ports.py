@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import os
 import pty
+import select
 import stat
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import serial
 
-from output.ebb.link import SerialPort
+from output.ebb.link import WRITE_TIMEOUT_S, SerialPort
 from output.ebb.port_lock import PortLock
 from output.ebb.ports import FoundPort, choose_port, find_ports, wait_for_board
 from output.ebb.session import connect
@@ -223,6 +224,49 @@ def test_a_board_that_reads_nothing_cannot_hold_us(terminal: tuple[int, str]) ->
         for _ in range(100):
             port.send(b"x" * 1000)
     assert time.monotonic() - began < 1.0
+    port.close()
+
+
+def test_a_stop_in_the_middle_of_a_write_is_not_the_boards_fault(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SIGSTOP for longer than a write may take, just after the bytes were taken."""
+    board, name = terminal
+    port = SerialPort(name)
+
+    def write_and_stop(fd: int, data: bytes, write: Callable[[int, bytes], int] = os.write) -> int:
+        count = write(fd, data)
+        time.sleep(WRITE_TIMEOUT_S + 0.1)
+        return count
+
+    monkeypatch.setattr(os, "write", write_and_stop)
+    port.send(b"V\r")
+    monkeypatch.undo()
+    assert os.read(board, 10) == b"V\r"
+    port.close()
+
+
+def test_a_wait_to_write_that_outlasted_its_time_looks_again(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SIGSTOP while the port was full, and the board took bytes meanwhile."""
+    board, name = terminal
+    port = SerialPort(name)
+    received = bytearray()
+
+    def wait(reading: list[int], writing: list[int], other: list[int], timeout_s: float) -> object:
+        if timeout_s > 0:
+            received.extend(os.read(board, 4096))
+            return [], [], []
+        return reading, writing, other
+
+    monkeypatch.setattr(select, "select", wait)
+    port.send(b"x" * 20_000)
+    monkeypatch.undo()
+    port.send(b"y")
+    while not received.endswith(b"y"):
+        received.extend(os.read(board, 4096))
+    assert received == b"x" * 20_000 + b"y"
     port.close()
 
 

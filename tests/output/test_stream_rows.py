@@ -373,6 +373,47 @@ def test_a_busy_computer_is_not_taken_for_a_sleeping_one(monkeypatch: pytest.Mon
     assert [suspended_s() for _ in range(4)] == [500.0] * 4
 
 
+class HeldUp:
+    """A port on which `late_s` pass before each of its waits comes back, and which answers at the second one."""
+
+    name = "held up"
+
+    def __init__(self, late_s: float) -> None:
+        self.now_s, self.late_s, self.waits = 0.0, late_s, 0
+
+    def send(self, data: bytes) -> None: ...
+
+    def wake(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def receive(self, timeout_s: float) -> bytes:
+        self.now_s += max(timeout_s, self.late_s)
+        self.waits += timeout_s > 0
+        return b"OK\r\n" if self.waits == 2 else b""
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.3, 5.0])
+def test_only_time_spent_waiting_makes_a_reply_late(late_s: float) -> None:
+    """The process was stopped during a wait, and the board's answer was not yet on its way when it went on."""
+    port = HeldUp(late_s)
+    talk = Conversation(port, lambda: port.now_s)
+    talk.send("EM,1,1")
+    assert talk.receive(0.25) == []
+    assert len(talk.receive(0.25)) == 1
+
+
+def test_a_reply_that_never_comes_is_late_after_its_time() -> None:
+    port = HeldUp(0.0)
+    port.waits = 2
+    talk = Conversation(port, lambda: port.now_s)
+    talk.send("EM,1,1")
+    with pytest.raises(LinkLost, match="no answer to 'EM,1,1' within 1 s"):
+        for _ in range(100):
+            talk.receive(0.07)
+    assert port.now_s == pytest.approx(1.0)
+
+
 def test_nothing_is_timed_by_the_wall_clock() -> None:
     """The wall clock jumps; one place tells a person when a plot began."""
     allowed = {"output/ebb/journal.py": 1, "plotter/journals.py": 1}
