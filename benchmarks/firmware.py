@@ -24,7 +24,7 @@ SAMPLES = Path(__file__).parents[1] / "samples"
 
 def run() -> None:
     """Print the table. Deviation is of what is drawn from the plan's own curve, both ways, in steps of 1/80 mm."""
-    print("| drawing | firmware | commands | bytes | duration s | deviation steps | velocity jump mm/s | lead ms | slowed |")
+    print("| drawing | firmware | commands | bytes | duration s | deviation steps | velocity jump mm/s | lead ms | slowed s |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
     settings = resolve({}).values
     for name in DRAWINGS:
@@ -38,11 +38,10 @@ def run() -> None:
             apart = compare(report.strokes, curves, 0.005)
             steps = max(apart.drawn.max_mm, apart.wanted.max_mm) * 80
             sent = sum(len(item.wire()) + 1 for item in program if isinstance(item, Command))
-            notes = sum(not isinstance(item, Command) and type(item).__name__ == "Note" for item in program)
             lead = f"{report.lowest_lead_s * 1000:.0f}" if report.lowest_lead_s is not None else "-"
             print(
                 f"| {name} | {version} | {report.commands} | {sent} | {report.duration_s:.1f} | {steps:.2f} | "
-                f"{report.max_velocity_jump_mm_s:.2f} | {lead} | {notes} |",
+                f"{report.max_velocity_jump_mm_s:.2f} | {lead} | {report.slowed_s:.1f} |",
                 flush=True,
             )
             for problem in report.problems:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from output.ebb.encode import BoardSetup, PenCommands
+from output.ebb.encode_families import Sizing
 from output.ebb.firmware import firmware
 from plotter.machines.profile import Machine
 from plotter.settings import Settings
@@ -35,6 +36,7 @@ def board_setup(
         ),
         origin_mm=origin_mm,
         family=settings.commands,
+        sizing=Sizing(least_lead_s=settings.lead),
         # Away from home the motors hold, and the counters with them: else nobody would know where the pen is.
         motors_off_at_end=settings.ends_at_home,
     )

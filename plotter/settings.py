@@ -109,6 +109,9 @@ class Settings(BaseModel):
     group: Literal["layer", "number", "color"] = Field(
         "layer", description="Layers as in the file, by the number that their name begins with, or one for each colour."
     )
+    lead: Annotated[Delay, Field(ge=0.15, le=1.2)] = Field(
+        description="Motion that the board's queue is never short of; what is too dense for that is slowed down."
+    )
     commands: Literal["auto", "t3", "lt", "lm", "sm", "xm"] = Field("auto", description="Board commands to use.")
     checksums: bool = Field(False, description="Have the board check every command it gets (firmware 3).")
     seed: int = Field(0, ge=0, description="Seed of the ordering's random choices.")
@@ -237,7 +240,7 @@ def settings_path() -> Path:
 
 
 # Profiles carry units in their keys; a setting's value may be written with one.
-_UNIT = re.compile(r"_mm(_s[23]?)?$")
+_UNIT = re.compile(r"(_mm)?(_s[23]?)?$")
 
 
 def resolve(flags: Mapping[str, Any], file: Path | None = None) -> ResolvedSettings:

@@ -27,7 +27,7 @@ from typing import IO, NamedTuple, TextIO
 
 from output.ebb.commands import CU, Command
 from output.ebb.commands_text import parse_as_sent, parse_command, without_checksum
-from output.ebb.program import ApproachMark, DipMark, LayerMark, Mark, Note, PauseMark, StrokeEnd, StrokeMark
+from output.ebb.program import ApproachMark, DipMark, LayerMark, Mark, PauseMark, Slowed, StrokeEnd, StrokeMark
 from output.errors import BadCommand
 
 TITLE = "plotter command file"
@@ -37,7 +37,7 @@ _LAYER = re.compile(r"#\s*layer (\d+)(?: (.*))?$")
 _STROKE = re.compile(r"#\s*stroke (-?\d+)$")
 _END = re.compile(r"#\s*end (-?\d+) steps (-?\d+) (-?\d+)$")
 _PAUSE = re.compile(r"#\s*pause(?: (.*))?$")
-_NOTE = re.compile(r"#\s*note (.+)$")
+_SLOWED = re.compile(r"#\s*slowed (\d+\.\d+) s, up to (\d+\.\d+) times$")
 _WORDS: dict[str, Mark] = {"# approach": ApproachMark(), "# dip": DipMark()}
 _LONGEST_LINE = 4096
 
@@ -80,8 +80,8 @@ def mark_line(mark: Mark) -> str:
             return f"# end {index} steps {steps[0]} {steps[1]}"
         case PauseMark(message=message):
             return f"# pause {_one_line(message)}".rstrip()
-        case Note(text=text):
-            return f"# note {_one_line(text)}"
+        case Slowed(lost_s=lost_s, most=most):
+            return f"# slowed {lost_s:.5f} s, up to {most:.4f} times"
 
 
 def read_command_file(source: str | Path | TextIO, problems: list[str] | None = None) -> tuple[dict[str, str], Iterator[Line]]:
@@ -143,8 +143,8 @@ def _mark(text: str) -> Mark | None:
         return LayerMark(int(match[1]), match[2] or "")
     if match := _PAUSE.match(text):
         return PauseMark(match[1] or "")
-    if match := _NOTE.match(text):
-        return Note(match[1])
+    if match := _SLOWED.match(text):
+        return Slowed(float(match[1]), float(match[2]))
     return None
 
 

@@ -6,7 +6,7 @@ every command's rate from the phase that the board will have when it gets there.
 after each command; motion is never sped up to make good for it.
 
 Pieces are merged until the queue holds enough of them, and a motion that would still starve the board is slowed down, with a
-Note that says so.
+mark that says so.
 """
 
 from __future__ import annotations

@@ -13,12 +13,12 @@ from output.ebb import arithmetic, arithmetic_old, encode_quadratic
 from output.ebb.arithmetic import ONE_STEP, TICK_S, TICKS_PER_MS, State
 from output.ebb.commands import SM, T3, TD, XM, Command
 from output.ebb.encode_merge import merge
-from output.ebb.encode_pieces import Borders, Parameters, Phase, quantised, split, stretched, subdivide
-from output.ebb.encode_slow import bent, slowed, slowness
+from output.ebb.encode_pieces import Borders, Parameters, Phase, quantised, split, stretched
+from output.ebb.encode_slow import bent, rises, slowed, slowness, too_fast
 from output.ebb.encode_spans import Samples, cut, on_milliseconds, sampled, without_short_end
 from output.ebb.firmware import Firmware
-from output.ebb.program import Mark, Note
-from output.ebb.queue_forecast import HOST_S, LEAD_S, LEAST_LEAD_S, STILL_MM_S, QueueForecast, queue_setup, service_s
+from output.ebb.program import Mark, Slowed
+from output.ebb.queue_forecast import HOST_S, LEAD_S, STILL_MM_S, QueueForecast, queue_setup, service_s
 from output.errors import BadCommand
 from planning.motion.limits import Kinematics
 
@@ -26,18 +26,24 @@ Array = NDArray[np.float64]
 
 # How far (2^-31 steps) a piece may be beside the plan because it slows down or speeds up within it.
 _BENT = 0.05 * ONE_STEP
+# Rounds in which a motion is slowed down, and by how much (a factor) a piece must be too fast to be worth one more.
+_ROUNDS, _ENOUGH = 24, 1.002
+# What follows is not known, and may shorten the lead by so much.
+_SPARE = 1.02
+# By this factor a piece is slowed down that would step faster than the board can, as its ends are and it is not.
+_OVERSHOT = 1.005
 
 
 @dataclass(frozen=True, slots=True)
 class Sizing:
-    """How long pieces are made. `lead_s` of motion should be queued where the depth allows, and `least_lead_s` must be: a
-    motion is slowed down for it. Merging may move the pen `merge_steps` off the plan, and parabolas (LT, LM) or lines (SM, XM)
-    `lt_steps` or `sm_steps`; beyond `worst_steps` times these, a motion is slowed down instead. `host_s` is what the host takes
-    from one answer to the next command.
+    """How long pieces are made. Where the depth allows, pieces are merged until `lead_s` of motion is queued, and a motion is
+    slowed down until `least_lead_s` is. Merging may move the pen `merge_steps` off the plan, and parabolas (LT, LM) or lines
+    (SM, XM) `lt_steps` or `sm_steps`; beyond `worst_steps` times these, a motion is slowed down instead. `host_s` is what the
+    host takes from one answer to the next command.
     """
 
     lead_s: float = LEAD_S
-    least_lead_s: float = LEAST_LEAD_S
+    least_lead_s: float = LEAD_S
     merge_steps: float = 0.4
     lt_steps: float = 0.5
     sm_steps: float = 1.0
@@ -82,15 +88,10 @@ class Family(ABC):
         takes_s = self.sizing.host_s + float(service_s(self.firmware, name, np.array([busiest]))[0])
         return int(np.ceil(1.1 * max(takes_s, self.firmware.least_ms[name] / 1000) / TICK_S))
 
-    def note(self, planned: Borders, slower: Borders) -> Note:
-        """What is said when a motion is slowed down: how many of its pieces, and by how much at most."""
-        longer = slower.ticks / planned.ticks
-        where = "all of a motion" if (longer > 1).all() else f"{(longer > 1).mean() * 100:.0f} % of a motion"
+    def slowing(self, planned: Borders, slower: Borders) -> Slowed:
+        """What is said when a motion is slowed down."""
         lost_s = (int(slower.ticks.sum()) - int(planned.ticks.sum())) * TICK_S
-        return Note(
-            f"{where} slowed by up to {100 * (longer.max() - 1):.0f} % ({lost_s:.2f} s more) for firmware "
-            f"{self.firmware.name}, whose queue would hold too little of it otherwise"
-        )
+        return Slowed(lost_s, float((slower.ticks / planned.ticks).max()))
 
 
 class Cubic(Family):
@@ -106,9 +107,9 @@ class Cubic(Family):
 
     def motion(self, borders: Borders, last: bool = True) -> Iterator[Command | Mark]:
         merged = split(merge(borders, self.sizing.merge_steps, self._lacking, self.to_mm))
-        merged, chosen = self._sustained(merged)
+        merged, chosen = self._sustained(merged, last)
         if chosen is not merged:
-            yield self.note(merged, chosen)
+            yield self.slowing(merged, chosen)
         self.begun = None if last else slowness(merged, chosen)
         self._remember(np.asarray((chosen.ticks + self.firmware.dead_ticks) * TICK_S, dtype=np.float64))
         (one, two), (acc1, acc2) = self.state
@@ -125,56 +126,86 @@ class Cubic(Family):
         depth = self.queue.setup.depth
         self.queued_s = [*self.queued_s, *lasts_s[-depth:].tolist()][-depth:]
 
-    def _lacking(self, ticks: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which pieces of a motion lie in a queue that holds less than is wanted when some piece comes, of it or after it."""
+    def _lacking(self, ticks: NDArray[np.int64]) -> Array:
+        """By which share of what is wanted the queues are short, in the mean, that each piece of a motion lies in when some
+
+        piece comes, of the motion or after it."""
         depth = self.queue.setup.depth
         # What comes after the motion is not known yet: it will be neither better nor worse than is wanted.
         after = np.full(depth, self.sizing.lead_s / depth)
         lasts = np.concatenate((self.queued_s, (ticks + self.firmware.dead_ticks) * TICK_S, after))
         # What is queued when a piece comes are the `depth` pieces before it.
         total = np.concatenate(([0.0], np.cumsum(np.minimum(lasts, self.sizing.lead_s))))
-        little = total[depth:] - total[:-depth] < self.sizing.lead_s * (1 - 1e-9)
-        near = np.concatenate(([0], np.cumsum(little)))
+        short = np.maximum(self.sizing.lead_s * (1 - 1e-9) - (total[depth:] - total[:-depth]), 0.0) / self.sizing.lead_s
+        near = np.concatenate(([0.0], np.cumsum(short)))
         place = np.arange(len(ticks))
-        return np.asarray(near[place + depth + 1] > near[place + 1])
+        return np.asarray(near[place + depth + 1] - near[place + 1]) / depth
 
-    def _sustained(self, borders: Borders) -> tuple[Borders, Borders]:
+    def _sustained(self, borders: Borders, ends: bool) -> tuple[Borders, Borders]:
         """The motion, and slowed down where the queue would run dry or hold too little; moves the queue on."""
-        depth = self.queue.setup.depth
-        sustained = self.sustainable_ticks("T3", borders)
-        # As many pieces of this length as are queued together last `least_lead_s`.
-        least = max(sustained, int(np.ceil(self.sizing.least_lead_s / depth / TICK_S)) - self.firmware.dead_ticks)
-        need = np.ones(len(borders))
-        chosen = borders if self.begun in (None, 1.0) else slowed(borders, need, self.begun)
-        while True:
-            model, dry, little = self._queue_after(chosen)
-            wanted = np.ones(len(borders))
-            for places, shortest in ((dry, sustained), (little, least)):
-                # What is too short among the pieces that were queued when it ran dry, and no more of them.
-                near = np.concatenate(([0], np.cumsum(places)))
-                place = np.arange(len(borders))
-                among = near[np.minimum(place + depth + 1, len(borders))] > near[place]
-                wanted = np.maximum(wanted, np.where(among, shortest / borders.ticks, 1.0))
-            if (wanted > need).any():
-                need = np.maximum(need, wanted)
-            else:
-                parts = np.where((bent(borders, chosen) > _BENT) & (borders.ticks >= 2 * least), 2, 1)
-                if chosen is borders or (parts == 1).all():
-                    self.queue = model
-                    return borders, chosen
-                borders, need = subdivide(borders, parts), np.repeat(need, parts)
-            chosen = slowed(borders, need, self.begun)
+        sustained, depth = self.sustainable_ticks("T3", borders), self.queue.setup.depth
+        most, need, rise = self._most_slowed(borders), np.ones(len(borders)), rises(borders)
+        chosen, stretch = (borders, None) if self.begun in (None, 1.0) else slowed(borders, need, rise, self.begun)
+        for _ in range(_ROUNDS):
+            model, dry, short = self._queue_after(chosen, ends)
+            longer = chosen.ticks / borders.ticks
+            # All that was queued when it held too little, in proportion; what is too short of it where it ran dry.
+            lacks = _greatest(short[1:], depth)
+            wanted = np.where(lacks > 1.0, np.minimum(longer * lacks, most), 1.0)
+            ran_dry = _greatest(np.append(dry, np.zeros(depth)), depth + 1) > 0
+            wanted = np.maximum(wanted, np.where(ran_dry, sustained / borders.ticks, 1.0))
+            wanted = np.maximum(wanted, np.where(too_fast(chosen), longer * _OVERSHOT, 1.0))
+            gentle = rise
+            if stretch is not None and (astray := bent(borders, chosen) / _BENT).max() > 1.0:
+                gentle = np.where(astray > 1.0, np.abs(np.diff(1 / stretch)) * 0.9 / astray.clip(1.0), rise)
+            if gentle is rise and not (wanted > need * _ENOUGH).any():
+                break
+            need, rise = np.maximum(need, wanted), gentle
+            chosen, stretch = slowed(borders, need, rise, self.begun)
+        else:
+            model = self._queue_after(chosen, ends)[0]
+        self.queue = model
+        return borders, chosen
 
-    def _queue_after(self, borders: Borders) -> tuple[QueueForecast, NDArray[np.bool_], NDArray[np.bool_]]:
-        """The queue after the motion, and at which of its pieces it would have run dry or hold less than `least_lead_s`."""
+    def _most_slowed(self, borders: Borders) -> Array:
+        """How many times as long each piece (n,) need be at most: as neighbours that fill a queue, all slowed alike, would.
+
+        At the motion's ends, as those of them that are its own would.
+        """
+        n, depth = len(borders), self.queue.setup.depth
+        total = np.concatenate(([0], np.cumsum(borders.ticks + self.firmware.dead_ticks))) * TICK_S
+        first = np.arange(1 - depth, n)
+        last = np.minimum(first + depth, n)
+        first = np.maximum(first, 0)
+        return _greatest((last - first) * _SPARE * self.sizing.least_lead_s / depth / (total[last] - total[first]), depth)
+
+    def _queue_after(self, borders: Borders, ends: bool) -> tuple[QueueForecast, NDArray[np.bool_], Array]:
+        """The queue after the motion, at which of its pieces it would have run dry, and by what factor the part of the motion
+        that is queued then would have to last longer to be enough.
+
+        The last (n + depth,) at the pieces that follow in the queue too: where the motion goes on, they last as long as they
+        should. Where more than half of what is queued is theirs, the part that they belong to will see to it.
+        """
+        depth, least = self.queue.setup.depth, _SPARE * self.sizing.least_lead_s
         model = self.queue.copy()
         takes = self.sizing.host_s + service_s(self.firmware, "T3", self.load(borders.v[:-1]))
         lasts = np.asarray((borders.ticks + self.firmware.dead_ticks) * TICK_S, dtype=np.float64)
         speeds = np.asarray(np.hypot(*(borders.v[:-1] @ self.to_mm).T) / TICK_S)
         leads = model.feed(np.zeros(len(borders), dtype=np.int64), takes, lasts, speeds)
         moving = speeds > STILL_MM_S
-        counts = np.arange(len(borders)) >= model.full_from
-        return model, (leads < 0) & moving, (leads < self.sizing.least_lead_s) & moving & counts
+        counts = moving & (np.arange(len(borders)) >= model.full_from)
+        counts = np.append(counts, (np.arange(depth) < depth // 2) & (not ends) & model.has_been_full)
+        after = np.zeros(depth)
+        after = model.copy().feed(after.astype(np.int64), after + takes[-1], after + least / depth, after)
+        total, place = np.concatenate(([0.0], np.cumsum(lasts))), np.arange(len(counts))
+        own = total[np.minimum(place, len(lasts))] - total[np.clip(place - depth, 0, len(lasts))]
+        lacks = np.where(counts, least - np.append(leads, after), 0.0)
+        return model, (leads < 0) & moving, np.clip(1.0 + lacks / own.clip(1e-9), 1.0, 2.0)
+
+
+def _greatest(values: Array, width: int) -> Array:
+    """The greatest of each `width` values (n,) that follow each other: (n - width + 1,)."""
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(values, width).max(axis=-1))
 
 
 def _paired(rows: Iterator[Parameters]) -> Iterator[Command]:
@@ -217,7 +248,7 @@ class Stepwise(Family):
             factor *= max(1.05, excess ** (1 / (self.order + 1)))
             slower = self.slower(borders, factor)
         if factor > 1:
-            yield self.note(borders, slower)
+            yield self.slowing(borders, slower)
         self.begun = None if last else slowness(borders, slower)
         yield from self.commands(samples, spans.cuts.tolist() if last else without_short_end(samples, spans, least), last)
 
@@ -225,7 +256,7 @@ class Stepwise(Family):
         """The motion `factor` times as slow, or, where it goes on from a part that was not, soon so."""
         if self.begun in (None, factor):
             return stretched(borders, factor) if factor > 1 else borders
-        return slowed(borders, np.full(len(borders), factor), self.begun)
+        return slowed(borders, np.full(len(borders), factor), rises(borders), self.begun)[0]
 
     @property
     def tolerance_steps(self) -> float:

@@ -24,8 +24,6 @@ Flags = NDArray[np.bool_]
 
 # Rates are told in units of 2^-31 steps per this many ticks, so that both unknowns are of one size.
 _RATE_TICKS = 250.0
-# Where each piece of the plan is looked at, as shares of it; the plan is a cubic in between.
-_SHARES = np.array([0.0, 1 / 3, 2 / 3])
 # Weight that keeps a border where the plan has it.
 _PINNED = 1e9
 # A merged piece may accelerate this much more than the plan does at its steepest in the motion.
@@ -34,13 +32,15 @@ _STEEPER = 1.25
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The motion as planned, looked at in three places of each of its n pieces: `tick` (3 n,), position `x` and rate `v` there.
+    """The motion as planned, looked at in `places` of each of its n pieces, which are cubics in between: `tick` (places n,),
+    position `x` and rate `v` there.
 
     `to_mm` (2, 2) turns rows of motor units into millimetres, by which accelerations are compared.
     """
 
     borders: Borders
     to_mm: Array
+    places: int = 3
 
     @cached_property
     def time(self) -> Ints:
@@ -48,13 +48,17 @@ class Plan:
 
     @cached_property
     def tick(self) -> Array:
-        return np.asarray((self.time[:-1, None] + self.borders.ticks[:, None] * _SHARES).ravel())
+        return np.asarray((self.time[:-1, None] + self.borders.ticks[:, None] * self._shares).ravel())
+
+    @property
+    def _shares(self) -> Array:
+        return np.arange(self.places) / self.places
 
     @cached_property
     def _there(self) -> tuple[Array, Array]:
         b = self.borders
         whole = b.ticks[:, None, None].astype(np.float64)
-        t = whole * _SHARES[None, :, None]
+        t = whole * self._shares[None, :, None]
         j = jerks(b)[:, None, :]
         v0, v1 = b.v[:-1, None, :], b.v[1:, None, :]
         a = (v1 - v0) / whole - j * whole / 2
@@ -89,8 +93,8 @@ def fit(plan: Plan, kept: Ints, pinned: Flags) -> Fit:
     """The best cubics between the plan's borders `kept` (k + 1,); where `pinned` (k + 1,) they are the plan's own."""
     b = plan.borders
     ticks = np.diff(plan.time[kept])
-    count = 3 * np.diff(kept)
-    first = 3 * kept[:-1]
+    count = plan.places * np.diff(kept)
+    first = plan.places * kept[:-1]
     piece = np.repeat(np.arange(len(ticks)), count)
     long = ticks[piece].astype(np.float64)
     u = (plan.tick - plan.time[kept[:-1]][piece]) / long
@@ -101,7 +105,7 @@ def fit(plan: Plan, kept: Ints, pinned: Flags) -> Fit:
     x, v = b.x[kept], b.v[kept] * _RATE_TICKS
     own = np.stack((x[:-1], v[:-1], x[1:], v[1:]), axis=1)
     residual = plan.x - np.einsum("ia,iac->ic", basis, own[piece])
-    weight = np.repeat(b.ticks / 3.0, 3)
+    weight = np.repeat(b.ticks / float(plan.places), plan.places)
     moved = _solved(basis, residual, weight, first, pinned)
     x, v = x + moved[0::2], v + moved[1::2]
     change = np.stack((moved[0:-2:2], moved[1:-2:2], moved[2::2], moved[3::2]), axis=1)
@@ -137,8 +141,8 @@ def _bad(plan: Plan, fitted: Borders, kept: Ints) -> Flags:
     starts, ends = _end_accelerations(fitted)
     steep = (plan.steepest * _STEEPER) ** 2
     bad = np.maximum(_squares(starts @ plan.to_mm), _squares(ends @ plan.to_mm)) > steep
-    low = np.minimum(np.minimum.reduceat(plan.v, 3 * kept[:-1]), plan.borders.v[kept[1:]])
-    high = np.maximum(np.maximum.reduceat(plan.v, 3 * kept[:-1]), plan.borders.v[kept[1:]])
+    low = np.minimum(np.minimum.reduceat(plan.v, plan.places * kept[:-1]), plan.borders.v[kept[1:]])
+    high = np.maximum(np.maximum.reduceat(plan.v, plan.places * kept[:-1]), plan.borders.v[kept[1:]])
     t = fitted.ticks[:, None].astype(np.float64)
     slowest, fastest = extremes(fitted.v[:-1], starts, (ends - starts) / t, t)
     # A small dip is held back when it is quantised; more would be a turn.

@@ -5,6 +5,10 @@ Neighbours become one cubic, first where the plan is nearly one anyway; where th
 less than is wanted, the next grade lets them be further off, up to the most that is allowed. How far a merged piece really is
 off is measured after the fit (`encode_fit`), and a piece that is further off than its grade, steeper than the plan, or turns
 back where the plan does not, is cut in two until it is not: in the end it is the plan's own.
+
+Knots come every 8 ms or so, and an error goes with the fourth power of a piece's length: where three are a third of what is
+allowed, four are too much. Where that leaves the queue too little, borders are looked for three times as closely, and moved to
+their neighbours' cost before anything is cut.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ from numpy.typing import NDArray
 
 from output.ebb.arithmetic import ONE_STEP
 from output.ebb.encode_fit import Plan, fit
-from output.ebb.encode_pieces import Borders
+from output.ebb.encode_pieces import Borders, subdivide
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,15 +36,26 @@ _SEEN_BEFORE = 64
 _LONGEST = 2500
 # A cubic with the plan's own ends is two to four times further off than the best fit; with 3 too many are cut in two again.
 _WORSE = 2.2
+# Ticks between the places for borders where they are looked for closely. There pieces may be tried a little longer, as few of
+# them need be cut: in so many fits borders are moved first.
+_CLOSE = 68
+_WORSE_CLOSE = 2.4
+_MOVED = 4
+_FIRST_CLOSE = 3
+# How far a piece may be off, as a share of what it may, to take a place from one that is off too far.
+_SPARE = 0.8
+# So little motion, or so small a share of the wanted lead, is not worth the closer look.
+_FEW, _WORTH = 8, 0.01
 # Fits in which bad pieces are cut in two, and fits after which all is left as planned; in between bad ones become the plan's.
 _HALVED = 5
 _MOST_FITS = 16
 
-Lacking = Callable[[Ints], Flags]
+Lacking = Callable[[Ints], Array]
 
 
 def merge(borders: Borders, most_steps: float, lacking: Lacking, to_mm: Array) -> Borders:
-    """Merge neighbours while `lacking` says of pieces with these ticks (k,) that they lie where too little would be queued.
+    """Merge neighbours while `lacking` says of pieces with these ticks (k,) that they lie where too little would be queued: by
+    which share of what is wanted, 0 where enough is.
 
     The result is at most `most_steps` off; `to_mm` (2, 2) turns rows of motor units into millimetres.
     """
@@ -66,21 +81,37 @@ def _after(before: Ints, lacking: Lacking) -> Lacking:
 
 
 def _merged(borders: Borders, most_steps: float, lacking: Lacking, to_mm: Array) -> Borders:
-    wanting = lacking(borders.ticks)
-    if len(borders) < 2 or not wanting.any():
+    if len(borders) < 2 or not lacking(borders.ticks).any():
         return borders
-    plan = Plan(borders, to_mm)
+    merged = _graded(borders, most_steps, lacking, to_mm, close=False)
+    if len(merged) >= _FEW and _short(merged, lacking) > _WORTH:
+        closer = subdivide(borders, np.maximum(np.rint(borders.ticks / _CLOSE).astype(np.int64), 1))
+        other = _graded(closer, most_steps, lacking, to_mm, close=True)
+        return min(merged, other, key=lambda found: _short(found, lacking))
+    return merged
+
+
+def _short(borders: Borders, lacking: Lacking) -> float:
+    """By which share of what is wanted the queue is short, over the time of the motion."""
+    return float((lacking(borders.ticks) * borders.ticks).sum() / borders.ticks.sum())
+
+
+def _graded(borders: Borders, most_steps: float, lacking: Lacking, to_mm: Array, *, close: bool) -> Borders:
+    """Merged, with the plan's borders as the places for borders; each piece as little off as will do."""
+    wanting = lacking(borders.ticks) > 0
+    plan = Plan(borders, to_mm, places=1 if close else 3)
     allowed = np.array(GRADES) * most_steps * ONE_STEP
-    lengths = _lengths(plan, allowed * _WORSE)
-    grade = np.where(wanting, 0, -1)
+    lengths = _lengths(plan, allowed * (_WORSE_CLOSE if close else _WORSE))
+    # The closer look is taken where the last grade was not enough.
+    grade = np.where(wanting, _FIRST_CLOSE if close else 0, -1)
     everywhere = np.arange(len(borders))
     while True:
         kept = _walked(np.where(grade < 0, 1, lengths[grade, everywhere]))
         # Before the fit, which costs more and only makes pieces shorter; and then what it has really come to.
-        if _raised(grade, kept, lacking(np.diff(plan.time[kept]))):
+        if _raised(grade, kept, lacking(np.diff(plan.time[kept])) > 0):
             continue
-        fitted, kept = _fitted(plan, kept, allowed[np.maximum(grade, 0)])
-        if not _raised(grade, kept, lacking(fitted.ticks)):
+        fitted, kept = _fitted(plan, kept, allowed[np.maximum(grade, 0)], _MOVED if close else 0)
+        if not _raised(grade, kept, lacking(fitted.ticks) > 0):
             return fitted
 
 
@@ -134,10 +165,10 @@ def _off(borders: Borders, time: Ints, starts: Ints, m: int) -> Array:
     return off
 
 
-def _fitted(plan: Plan, kept: Ints, allowed: Array) -> tuple[Borders, Ints]:
+def _fitted(plan: Plan, kept: Ints, allowed: Array, moves: int) -> tuple[Borders, Ints]:
     """The best motion over these borders, with shorter pieces where it is not good enough, and the borders it has then.
 
-    `allowed` (n,) is how far each of the plan's pieces may be off.
+    `allowed` (n,) is how far each of the plan's pieces may be off. In the first `moves` fits borders are moved, not added.
     """
     as_planned = np.arange(len(plan.borders) + 1)
     if len(kept) == len(as_planned):
@@ -154,7 +185,9 @@ def _fitted(plan: Plan, kept: Ints, allowed: Array) -> tuple[Borders, Ints]:
         bad = (far | fitted.bad) & ~(single & held)
         if not bad.any():
             return fitted.borders, kept
-        if fits < _HALVED:
+        if fits < moves:
+            kept = _moved(kept, bad, fitted.off / limit, pinned)
+        elif fits < moves + _HALVED:
             # Ends that are the plan's own keep a piece from turning back; if they are already, or it is too far off, it is cut.
             halves = bad & ~single & (held | far)
             pinned[starts[bad & ~halves]] = pinned[ends[bad & ~halves]] = True
@@ -164,3 +197,21 @@ def _fitted(plan: Plan, kept: Ints, allowed: Array) -> tuple[Borders, Ints]:
                 pinned[first : last + 1] = True
             kept = np.union1d(kept, np.flatnonzero(pinned))
     return plan.borders, as_planned
+
+
+def _moved(kept: Ints, bad: Flags, share: Array, pinned: Flags) -> Ints:
+    """Each bad piece shorter by a place, which the better of its neighbours gets if its `share` (k,) of what it may be off
+    leaves it some to spare."""
+    # What cannot give: pieces that are bad themselves, pieces behind a border that stays, and what is before the first and
+    # after the last.
+    spare = np.concatenate(([np.inf], np.where(bad, np.inf, share), [np.inf]))
+    left, right = spare[:-2], spare[2:]
+    left = np.where(pinned[kept[:-1]], np.inf, left)
+    right = np.where(pinned[kept[1:]], np.inf, right)
+    able = bad & (np.diff(kept) > 2) & (np.minimum(left, right) < _SPARE)
+    begins, ends = able & (left < right), able & (left >= right)
+    # A border between two that both want it stays where it is.
+    moved = kept.copy()
+    moved[:-1] += begins
+    moved[1:] -= ends
+    return moved

@@ -95,5 +95,6 @@ def _solve(ticks: int, gain: int, change: float) -> tuple[int, int]:
         accel = max(accel, -(gain // (ticks * ticks - pairs)))
     first = (2 * (gain - accel * pairs) + ticks) // (2 * ticks)
     low = max(1 - trunc_div(accel, 2), -accel, -accel * ticks)
-    high = ONE_STEP - 1 - max(accel, accel * ticks)
+    # Neither a tick's rate nor Rate, half an acceleration before the first, may be beyond the register.
+    high = ONE_STEP - 1 - max(trunc_div(accel, 2), accel * ticks)
     return accel, min(max(first, low), high)

@@ -3,7 +3,7 @@
 With stretch s at a border (1: as planned) its rate becomes v / s, and a piece lasts T times the mean of its ends' stretches.
 The stretch rises and falls so gently around the place that needs it that the change of speed is no steeper than half of what
 the motion itself does at its steepest. A piece that is slower at one end than at the other is another cubic, which bends beside
-the way planned; a long one is cut in two until it does not (`bent`).
+the way planned (`bent`): where it does so too far, the stretch is made to change more gently.
 """
 
 from __future__ import annotations
@@ -11,43 +11,42 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from output.ebb.encode_pieces import Borders, along
+from output.ebb.arithmetic import ONE_STEP
+from output.ebb.encode_pieces import Borders, along, extremes, jerks
 
 Array = NDArray[np.float64]
 
 _SHARE = 0.5
-# And over one piece the stretch falls to 1 / (1 + this) at most, however slow the motion is there.
+# And 1 / stretch changes by this over one piece at most, however slow the motion is there.
 _STEEPEST = 0.5
 
 
-def slowed(borders: Borders, need: Array, begun: float | None = None) -> Borders:
-    """The motion with piece i `need[i]` (n,) times as long or longer; 1 is as planned.
+def slowed(borders: Borders, need: Array, rise: Array, begun: float | None = None) -> tuple[Borders, Array]:
+    """The motion with piece i `need[i]` (n,) times as long or longer; 1 is as planned. And the stretch at each border (n + 1,).
 
-    A motion that goes on from one that was `begun` times as slow at its end starts so, whatever it needs.
+    Over piece i, 1 / stretch changes by `rise[i]` at most (`rises`). A motion that goes on from one that was `begun` times as
+    slow at its end starts so, whatever it needs.
     """
     t = borders.ticks.astype(np.float64)
     stretch = np.ones(len(borders) + 1)
     stretch[:-1] = np.maximum(need, 1.0)
     stretch[1:] = np.maximum(stretch[1:], need)
-    rise = _rises(borders, t).tolist()
     if begun is not None:
         stretch[0] = max(stretch[0], begun)
-    level = stretch.tolist()
-    for i, up in enumerate(rise):
-        level[i + 1] = max(level[i + 1], level[i] / (1 + up * level[i]))
-    for i in range(len(rise) - 1, -1, -1):
-        level[i] = max(level[i], level[i + 1] / (1 + rise[i] * level[i + 1]))
+    # In shares of the planned speed the rise is a slope, and no share may lie above such a slope from another, either way.
+    share, slope = 1 / stretch, np.concatenate(([0.0], np.cumsum(rise)))
+    share = np.minimum.accumulate(share - slope) + slope
+    share = np.minimum.accumulate((share + slope)[::-1])[::-1] - slope
     if begun is not None:
-        level[0] = begun
-        for i, up in enumerate(rise):
-            fall = 1 - up * level[i]
-            level[i + 1] = min(level[i + 1], level[i] / fall) if fall > 0 else level[i + 1]
-    stretch = np.array(level)
-    ticks = np.rint(t * (stretch[:-1] + stretch[1:]) / 2).astype(np.int64)
+        share[0] = 1 / begun
+        share = np.maximum.accumulate(share + slope) - slope
+    stretch = 1 / np.clip(share, 0.0, 1.0)
+    lasts = t * (stretch[:-1] + stretch[1:]) / 2
+    ticks = np.rint(lasts).astype(np.int64)
     # Whole ticks first, and the rates after them: a tick too many would be felt as a change of speed.
-    longer = ticks / t
-    stretch[1:-1] = (longer[:-1] + longer[1:]) / 2
-    return Borders(borders.x, borders.v / stretch[:, None], ticks)
+    rounded = ticks / lasts
+    stretch[1:-1] *= (rounded[:-1] + rounded[1:]) / 2
+    return Borders(borders.x, borders.v / stretch[:, None], ticks), stretch
 
 
 def bent(planned: Borders, slower: Borders) -> Array:
@@ -62,14 +61,23 @@ def bent(planned: Borders, slower: Borders) -> Array:
     return off
 
 
+def too_fast(slower: Borders) -> NDArray[np.bool_]:
+    """Which pieces (n,) would step faster somewhere than the board can: cubics may, whose ends do not."""
+    t = slower.ticks[:, None].astype(np.float64)
+    j = jerks(slower)
+    slowest, fastest = extremes(slower.v[:-1], np.diff(slower.v, axis=0) / t - j * t / 2, j, t)
+    return np.asarray((np.maximum(-slowest, fastest) > ONE_STEP).any(axis=1))
+
+
 def slowness(planned: Borders, slower: Borders) -> float:
     """How many times as slow the one is as the other at their end; 1 at a rest."""
     one, two = float(np.hypot(*planned.v[-1])), float(np.hypot(*slower.v[-1]))
     return one / two if two > 0 else 1.0
 
 
-def _rises(borders: Borders, t: Array) -> Array:
-    """How much the stretch s may change over each piece, over s^2: share * A T / |v|, as dv = |v| ds / s^2 = share * A T."""
+def rises(borders: Borders) -> Array:
+    """How much 1 / stretch may change over each piece (n,): share * A T / |v|, as then |v| d(1 / stretch) = share * A T."""
+    t = borders.ticks.astype(np.float64)
     speed = np.hypot(*borders.v.T)
     steepest = float((np.hypot(*np.diff(borders.v, axis=0).T) / t).max(initial=0.0))
     fastest = np.maximum(np.maximum(speed[:-1], speed[1:]), 1.0)

@@ -52,13 +52,14 @@ class PauseMark:
 
 
 @dataclass(frozen=True, slots=True)
-class Note:
-    """Something that whoever looks at the program should know, such as a motion that was slowed down for the board."""
+class Slowed:
+    """The motion that follows was slowed down for the board: it lasts `lost_s` longer, some pieces `most` times as long."""
 
-    text: str
+    lost_s: float
+    most: float
 
 
-Mark = LayerMark | ApproachMark | DipMark | StrokeMark | StrokeEnd | PauseMark | Note
+Mark = LayerMark | ApproachMark | DipMark | StrokeMark | StrokeEnd | PauseMark | Slowed
 Program = Iterable[Command | Mark]
 
 

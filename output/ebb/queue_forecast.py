@@ -24,11 +24,9 @@ Array = NDArray[np.float64]
 
 # What a well-behaved host takes from a command's answer to the next command's arrival: two USB frames of 1 ms.
 HOST_S = 0.002
-# How much motion is wanted in a queue that is deep enough for it.
+# How much motion is wanted in a queue that is deep enough for it: pieces are merged for that, and a motion that merging leaves
+# too dense is slowed down.
 LEAD_S = 1.0
-# How much there must be once the queue has been full: a motion is slowed down where accuracy leaves pieces too short for it.
-# That much the throughput table sustains; half a second would cost dense noise more than twice its time.
-LEAST_LEAD_S = 0.15
 # Places of a deep queue that the streamer leaves free, so that a stop is always heard.
 FREE_PLACES = 2
 # Standing still, in mm/s: running dry at less is no stutter.

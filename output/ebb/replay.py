@@ -29,7 +29,7 @@ from output.ebb.command_file import Line
 from output.ebb.commands import CS, CU, EM, ES, LT, RB, S2, SC, SM, SP, T3, TD, TP, XM, Command, MotionCommand, R
 from output.ebb.commands_pins import BL
 from output.ebb.firmware import Firmware
-from output.ebb.program import DipMark, LayerMark, Mark, Note, PauseMark, StrokeEnd, StrokeMark, refused_in_a_stream
+from output.ebb.program import DipMark, LayerMark, Mark, PauseMark, Slowed, StrokeEnd, StrokeMark, refused_in_a_stream
 
 Ints = NDArray[np.int64]
 
@@ -88,7 +88,7 @@ class Replay:
     microsteps: int = 1
     problems: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    slowed: list[Slowed] = field(default_factory=list)
     commands: int = 0
     pen_lifts: int = 0
     pauses: int = 0
@@ -178,8 +178,8 @@ class Replay:
                 self.pauses += 1
             case DipMark():
                 self._dipping = True
-            case Note(text=text):
-                self.notes.append(text)
+            case Slowed():
+                self.slowed.append(mark)
 
     def _check_ends(self, counters: Ints) -> None:
         """Strokes that end, `counters` being those before each row and after the last, where the file says that they do not."""

@@ -53,7 +53,8 @@ class Report:
     of the counters. `bounds_mm` (left, top, right, bottom) is of the ink, `travel_bounds_mm` of everything.
 
     `lowest_lead_s` is the least motion that is queued while the pen moves, once the queue of `queue_depth` has been full, or at
-    any time when it never is (`queue_filled` False).
+    any time when it never is (`queue_filled` False). For that `slowed_motions` last `slowed_s` longer in all than planned, some
+    pieces `slowed_most` times as long.
     `problems` are reasons not to send it, `warnings` are not. `strokes` are the pen-down polylines, each (n, 2).
     """
 
@@ -84,6 +85,9 @@ class Report:
     lowest_lead_at: int = -1
     queue_depth: int = 1
     queue_filled: bool = False
+    slowed_motions: int = 0
+    slowed_s: float = 0.0
+    slowed_most: float = 1.0
     shortest_command_ms: float | None = None
     problems: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -291,9 +295,8 @@ class _Check:
         if np.isfinite(self.shortest_s):
             r.shortest_command_ms = self.shortest_s * 1000
         r.problems, r.warnings = problems, [*r.warnings, *replay.warnings]
-        if replay.notes:
-            more = f" (and {len(replay.notes) - 1} more such notes)" if len(replay.notes) > 1 else ""
-            r.warnings.append(f"the encoder noted: {replay.notes[0]}{more}")
+        r.slowed_motions, r.slowed_s = len(replay.slowed), sum(mark.lost_s for mark in replay.slowed)
+        r.slowed_most = max((mark.most for mark in replay.slowed), default=1.0)
         self._judge(travel_mm)
         return r
 

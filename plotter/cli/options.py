@@ -21,6 +21,7 @@ _METAVARS = {
     "jerk": "JERK",
     "time": "TIME",
     "dwell": "TIME",
+    "lead": "TIME",
     "tolerance": "LENGTH",
     "join": "LENGTH",
     "margin": "LENGTH",

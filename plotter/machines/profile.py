@@ -143,6 +143,7 @@ class QualityLimits(_Profile):
     travel_acceleration_mm_s2: float = Positive
     travel_jerk_mm_s3: float = Positive
     tolerance_mm: float = Field(ge=0.005, le=0.2)
+    lead_s: float = Field(ge=0.15, le=1.2)
 
 
 def machine_names() -> list[str]:

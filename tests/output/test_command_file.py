@@ -9,12 +9,12 @@ import pytest
 
 from output.ebb.command_file import read_command_file, write_command_file
 from output.ebb.commands import EM, SM, SP, T3, Command
-from output.ebb.program import LayerMark, Mark, Note, PauseMark, StrokeEnd, StrokeMark
+from output.ebb.program import LayerMark, Mark, PauseMark, Slowed, StrokeEnd, StrokeMark
 from output.errors import BadCommand
 
 PROGRAM: list[Command | Mark] = [
     EM(1, 1), LayerMark(1, "out lines: 1"), StrokeMark(0), SP(0, 120), T3(250, 1, -2, 3, 4, 5, -6), StrokeEnd(0, (800, -40)),
-    Note("slowed by 8 %"), PauseMark("change to red"), PauseMark(""), LayerMark(2, ""), SM(10, 0, 0), SP(1),
+    Slowed(0.125, 1.5), PauseMark("change to red"), PauseMark(""), LayerMark(2, ""), SM(10, 0, 0), SP(1),
 ]  # fmt: skip
 
 

@@ -11,10 +11,9 @@ from output.ebb.arithmetic import ONE_STEP
 from output.ebb.encode import BoardSetup, PenCommands, Sizing, encode, prologue
 from output.ebb.encode_merge import merge
 from output.ebb.encode_pieces import Borders, along, borders_of
-from output.ebb.encode_slow import slowed
+from output.ebb.encode_slow import rises, slowed
 from output.ebb.firmware import firmware
-from output.ebb.program import Note
-from output.ebb.queue_forecast import LEAST_LEAD_S
+from output.ebb.program import Slowed
 from output.ebb.verify import compare, verify
 from planning.motion.plan import Action, Draw, Lift, Lower, Motion
 from tests.output.motion_samples import COREXY, in_parts, spline_motion, wandering
@@ -89,8 +88,8 @@ def test_pieces_are_merged_only_where_they_are_asked_for() -> None:
     assert merge(borders, 0.0, everywhere, TO_MM) is borders
 
 
-def test_dense_corners_get_twice_the_lead_and_calm_lines_all_of_it() -> None:
-    leads = {}
+def test_merging_gives_a_second_of_lead_and_dense_corners_take_little_more_time_for_it() -> None:
+    slower = {}
     t = np.linspace(0, 25, 1300)
     calm = spline_motion(np.column_stack((3 * t, 4 * np.sin(t))), 200)
     for name, motion in (("corners", corners(900)), ("calm", calm)):
@@ -99,9 +98,10 @@ def test_dense_corners_get_twice_the_lead_and_calm_lines_all_of_it() -> None:
             program = [*prologue(setup), *encode([Lower(0.5, 0), Draw(motion, 0), Lift(0.1)], setup)]
             report = verify(program, setup.firmware, COREXY)
             apart = compare(report.strokes, [motion.sample(np.linspace(0, motion.total_s, 40000))[0]], 0.005)
-            leads[name, merge_steps] = report.lowest_lead_s or 0.0
+            slower[name, merge_steps] = report.slowed_s / motion.total_s
+            assert report.lowest_lead_s is not None and report.lowest_lead_s >= 0.99
             assert max(apart.drawn.max_mm, apart.wanted.max_mm) * 80 < (0.4 if name == "calm" else 0.75)
-    assert leads["corners", 0.4] > 1.8 * leads["corners", 0.0] and leads["calm", 0.4] >= 0.98
+    assert slower["corners", 0.4] < 0.05 and slower["corners", 0.0] > 1.0 and slower["calm", 0.4] == 0.0
 
 
 def test_only_what_is_too_dense_is_slowed_down() -> None:
@@ -110,15 +110,15 @@ def test_only_what_is_too_dense_is_slowed_down() -> None:
     calm = np.column_stack((20 * t, 5 * np.sin(t)))
     scribble = calm[-1] + np.cumsum(rng.normal(0, 0.15, (400, 2)), axis=0)
     motion = spline_motion(np.vstack((np.zeros((1, 2)), calm, scribble, calm + scribble[-1])), 60)
-    setup = BoardSetup(COREXY, firmware(), PEN)
+    setup = BoardSetup(COREXY, firmware(), PEN, sizing=Sizing(least_lead_s=0.15))
     program = [*prologue(setup), *encode([Lower(0.1, 0), Draw(motion, 0), Lift(0.1)], setup)]
-    notes = [item.text for item in program if isinstance(item, Note)]
+    said = [item for item in program if isinstance(item, Slowed)]
     report = verify(program, setup.firmware, COREXY)
-    assert len(notes) == 1 and "of a motion slowed by up to" in notes[0] and "3.0.3" in notes[0]
+    assert len(said) == 1 and said[0].lost_s == pytest.approx(report.pen_down_s - motion.total_s, abs=0.2)
     assert report.sendable and report.predicted_underruns == 0
-    assert report.lowest_lead_s is not None and report.lowest_lead_s >= LEAST_LEAD_S
+    assert report.lowest_lead_s is not None and report.lowest_lead_s >= 0.15
     # Slowed as a whole it would take more than twice its 4.3 s.
-    assert motion.total_s * 1.1 < report.pen_down_s < motion.total_s + 1.6
+    assert motion.total_s * 1.1 < report.pen_down_s < motion.total_s + 1.8
     apart = compare(report.strokes, [motion.sample(np.linspace(0, motion.total_s, 40000))[0]], 0.005)
     assert max(apart.drawn.max_mm, apart.wanted.max_mm) * 80 < 0.6
 
@@ -128,14 +128,15 @@ def test_slowing_down_changes_time_alone() -> None:
     borders = borders_of(spline_motion(np.column_stack((5 * t, 3 * np.sin(t))), 200), COREXY, np.zeros(2))
     need = np.ones(len(borders))
     need[300:320] = 2.5
-    slower = slowed(borders, need)
+    slower, stretch = slowed(borders, need, rises(borders))
+    assert stretch[300:321].min() > 2.49 and stretch[0] == stretch[-1] == 1.0
     longer = slower.ticks / borders.ticks
     assert (longer[300:320] >= 2.49).all() and (longer[:200] == 1).all() and (longer[400:] == 1).all() and longer.min() == 1
     np.testing.assert_array_equal(slower.x, borders.x)
     one, other = at_every_tick(slower)[0], at_every_tick(borders)[0]
     assert compare([one @ (TO_MM * ONE_STEP)], [other @ (TO_MM * ONE_STEP)], 0.002).drawn.max_mm * 80 < 0.15
     assert accelerations(slower).max() < 1.6 * accelerations(borders).max()
-    assert slowed(borders, np.ones(len(borders))).ticks.tolist() == borders.ticks.tolist()
+    assert slowed(borders, np.ones(len(borders)), rises(borders))[0].ticks.tolist() == borders.ticks.tolist()
 
 
 @pytest.mark.parametrize("version", ["3.0.3", "2.8.1", "2.4.0"])
