@@ -9,6 +9,7 @@ from itertools import zip_longest
 from output.ebb import commands, commands_pins
 from output.ebb.commands import Command
 from output.errors import BadCommand
+from output.wording import counted
 
 
 def _kinds() -> dict[str, type[Command]]:
@@ -36,9 +37,10 @@ def parse_command(line: str) -> Command:
     known = fields(kind)
     required = sum(field.default is MISSING for field in known)
     if len(words) > len(known):
-        raise BadCommand(f"{kind.name} has {len(words)} parameters, at most {len(known)} are allowed; leave the others out")
+        given = counted(len(words), "parameter")
+        raise BadCommand(f"{kind.name} has {given}, at most {len(known)} are allowed; leave the others out")
     if len(words) < required:
-        raise BadCommand(f"{kind.name} has {len(words)} parameters, {required} are needed ({_signature(kind)})")
+        raise BadCommand(f"{kind.name} has {counted(len(words), 'parameter')}, {required} are needed ({_signature(kind)})")
     values: list[int | str] = []
     for field, word in zip(known, words, strict=False):
         if field.name in _TEXT_FIELDS:

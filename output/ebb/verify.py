@@ -24,6 +24,7 @@ from output.ebb.queue_forecast import QueueForecast, QueueSetup, queue_setup, se
 from output.ebb.replay import MOVE, PEN, Replay, Rows
 from output.ebb.reversals import Reversals
 from output.ebb.verify_compare import Comparison, compare
+from output.wording import counted
 from planning.motion.limits import Kinematics
 
 __all__ = ["Comparison", "Report", "compare", "verify"]
@@ -292,7 +293,7 @@ class _Check:
             r.shortest_command_ms = self.shortest_s * 1000
         r.problems, r.warnings = problems, [*r.warnings, *replay.warnings]
         if replay.notes:
-            more = f" (and {len(replay.notes) - 1} more such notes)" if len(replay.notes) > 1 else ""
+            more = f" (and {counted(len(replay.notes) - 1, 'more such note')})" if len(replay.notes) > 1 else ""
             r.warnings.append(f"the encoder noted: {replay.notes[0]}{more}")
         self._judge(travel_mm)
         return r
@@ -304,8 +305,8 @@ class _Check:
         if r.predicted_underruns:
             at, lack = self.queue.first_underruns[0]
             r.problems.append(
-                f"the board would run dry {r.predicted_underruns} times in motion, first before command {at + 1} for "
-                f"{lack * 1000:.1f} ms; export for this firmware ({self.firmware.name}) with longer pieces"
+                f"the board would run dry {counted(r.predicted_underruns, 'time')} in motion, first before command {at + 1} "
+                f"for {lack * 1000:.1f} ms; export for this firmware ({self.firmware.name}) with longer pieces"
             )
         if r.max_velocity_jump_mm_s > _HEARD_MM_S:
             jump = f"the speed jumps by {r.max_velocity_jump_mm_s:.1f} mm/s at command {r.max_velocity_jump_at + 1}"

@@ -9,6 +9,7 @@ import click
 
 from output.ebb.command_file import write_command_file
 from output.ebb.verify import verify
+from output.wording import counted
 from plotter.board_setup import board_setup
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
@@ -58,7 +59,7 @@ def export(file: str, output: str, **options: Any) -> None:
         write_command_file(output, header, items)
     except OSError as error:
         raise BadInput(f"cannot write {output}: {error.strerror}; give another file with -o") from None
-    click.echo(f"{output}: {report.commands} commands, {spoken_duration(report.duration_s)}")
+    click.echo(f"{output}: {counted(report.commands, 'command')}, {spoken_duration(report.duration_s)}")
 
 
 def _in_force(resolved: ResolvedSettings) -> str:

@@ -15,6 +15,7 @@ from output.ebb.journal import Journal
 from output.ebb.ports import choose_port
 from output.ebb.session import connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
+from output.wording import counted
 from planning.motion.limits import Kinematics
 from plotter.board_setup import HOME_MM, board_setup
 from plotter.cli.awake import awake
@@ -95,7 +96,7 @@ def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | Non
     click.echo(_summary(job, ended))
     if ended.total.stalls and board_speed <= 1:
         stalls, stalled_s = ended.total.stalls, ended.total.stalled_s
-        click.echo(f"the board waited {stalls} times for the computer, {stalled_s:.2f} s in all")
+        click.echo(f"the board waited {counted(stalls, 'time')} for the computer, {stalled_s:.2f} s in all")
 
 
 def _first_part(job: Job) -> Part | None:
@@ -127,7 +128,7 @@ def _begun(head: dict[str, Any]) -> Iterator[Journal | None]:
 def _summary(job: Job, ended: Ended) -> str:
     length_m = sum(stroke.length_mm for layer in job.layers for stroke in layer.strokes) / 1000
     return (
-        f"plotted {job.name}: {job.stroke_count} strokes, {length_m:.3f} m pen down in "
+        f"plotted {job.name}: {counted(job.stroke_count, 'stroke')}, {length_m:.3f} m pen down in "
         f"{spoken_duration(ended.total.board_time_s)} of board time ({spoken_duration(ended.took_s)} by the clock)"
     )
 

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from output.ebb.estimate import estimate
+from output.wording import counted
 from planning.motion.plan import Action
 from plotter.board_setup import board_setup
 from plotter.cli.options import collect, settings_options
@@ -60,18 +61,18 @@ def _draw(job: Job, actions: list[Action], output: Path) -> None:
 
 def _report(values: dict[str, Any], job: Job, output: Path | None) -> str:
     left, top, right, bottom = values["bounds_mm"]
-    strokes, lifts = values["strokes"], values["pen_lifts"]
+    strokes, lifts = counted(values["strokes"], "stroke"), values["pen_lifts"]
     lines = [
         f"{job.name} on {job.machine.title}",
         f"  total      {spoken_duration(values['duration_s']):>12}",
-        f"  pen down   {spoken_duration(values['pen_down_s']):>12}   {values['pen_down_mm'] / 1000:9.3f} m, {strokes} strokes",
+        f"  pen down   {spoken_duration(values['pen_down_s']):>12}   {values['pen_down_mm'] / 1000:9.3f} m, {strokes}",
         f"  pen up     {spoken_duration(values['pen_up_s']):>12}   {values['pen_up_mm'] / 1000:9.3f} m",
         f"  pen lifts  {spoken_duration(values['pen_lift_s']):>12}   {lifts:9d}",
         f"  drawn area   x {left:.1f} to {right:.1f} mm, y {top:.1f} to {bottom:.1f} mm",
     ]
     if len(values["layers"]) > 1:
         lines += [
-            f"  layer {t['number']} {t['name']}: {spoken_duration(t['duration_s'])}, {t['strokes']} strokes,"
+            f"  layer {t['number']} {t['name']}: {spoken_duration(t['duration_s'])}, {counted(t['strokes'], 'stroke')},"
             f" {t['pen_down_mm'] / 1000:.3f} m"
             for t in values["layers"]
         ]

@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast, get_args
 import click
 import numpy as np
 
+from output.wording import counted
 from plotter.errors import BadInput
 from plotter.svg.drawing import Drawing
 from plotter.svg.options import Budgets, Fills, Hidden, LayerRule, ReadOptions, Text
@@ -146,14 +147,13 @@ def layers(file: str, as_json: bool, **options: Any) -> None:
     if as_json:
         click.echo(json.dumps({"width_mm": drawing.width_mm, "height_mm": drawing.height_mm, "layers": rows}, indent=2))
         return
-    click.echo(f"page {drawing.width_mm:.2f} x {drawing.height_mm:.2f} mm, {drawing.stroke_count} strokes")
+    click.echo(f"page {drawing.width_mm:.2f} x {drawing.height_mm:.2f} mm, {counted(drawing.stroke_count, 'stroke')}")
     for row in rows:
         states = [state for state in ("hidden", "locked", "documentation", "pause_before") if row[state]]
         notes = f"   {', '.join(states).replace('_', ' ')}" if states else ""
         colors = " ".join(row["colors"][:4]) + (" ..." if len(row["colors"]) > 4 else "")
-        click.echo(
-            f"{row['number']:4}  {row['name']:24} {row['strokes']:8} strokes {row['length_mm']:12.1f} mm   {colors}{notes}"
-        )
+        strokes = counted(row["strokes"], "stroke")
+        click.echo(f"{row['number']:4}  {row['name']:24} {strokes:>16} {row['length_mm']:12.1f} mm   {colors}{notes}")
 
 
 def _rows(drawing: Drawing) -> list[dict[str, Any]]:

@@ -14,6 +14,7 @@ from output.ebb.firmware import firmware
 from output.ebb.queue_forecast import LEAD_S
 from output.ebb.verify import Report, verify
 from output.ebb.verify_compare import Comparison, compare
+from output.wording import counted
 from plotter.arrange import Placement
 from plotter.cli.reading import collect_reading, read_file, reading_options
 from plotter.errors import BadInput
@@ -85,7 +86,7 @@ def head_faults(header: dict[str, str], report: Report) -> list[str]:
     """What the head of a command file says of it and is not so: it was cut short, or changed by hand."""
     said = header.get("commands", "")
     if said.isdigit() and int(said) != report.commands:
-        wrong = f"its head says {said} commands, it holds {report.commands}"
+        wrong = f"its head says {counted(int(said), 'command')}, it holds {report.commands}"
         return [f"{wrong}: it was cut short or changed; export it again, or correct its head"]
     return []
 
@@ -114,7 +115,7 @@ def _comparison_said(drawing: str, comparison: Comparison) -> str:
 
 
 def _more(problems: list[str]) -> str:
-    return f" (and {len(problems) - 1} more problems)" if len(problems) > 1 else ""
+    return f" (and {counted(len(problems) - 1, 'more problem')})" if len(problems) > 1 else ""
 
 
 def _write_strokes(path: Path, report: Report, header: dict[str, str], machine: Machine) -> None:
@@ -145,9 +146,10 @@ def _lead(report: Report) -> str:
 
 def _said(file: str, report: Report) -> str:
     lines = [
-        f"{file}: {report.commands} commands for firmware {report.firmware}",
+        f"{file}: {counted(report.commands, 'command')} for firmware {report.firmware}",
         f"  duration       {spoken_duration(report.duration_s)}",
-        f"  pen down       {report.pen_down_mm / 1000:.3f} m in {len(report.strokes)} strokes, {report.pen_lifts} lifts",
+        f"  pen down       {report.pen_down_mm / 1000:.3f} m in {counted(len(report.strokes), 'stroke')},"
+        f" {counted(report.pen_lifts, 'lift')}",
         f"  highest        {report.max_speed_mm_s:.1f} mm/s, {report.max_acceleration_mm_s2:.0f} mm/s2,"
         f" {report.max_jerk_mm_s3:.0f} mm/s3; jump of speed {report.max_velocity_jump_mm_s:.3f} mm/s",
         f"  ends at        {report.final_steps[0]}, {report.final_steps[1]} steps"
@@ -157,7 +159,7 @@ def _said(file: str, report: Report) -> str:
         left, top, right, bottom = report.bounds_mm
         lines.append(f"  drawn area     x {left:.1f} to {right:.1f} mm, y {top:.1f} to {bottom:.1f} mm")
     if report.lowest_lead_s is not None:
-        lines.append(f"  lowest lead    {_lead(report)}, {report.predicted_underruns} predicted underruns")
+        lines.append(f"  lowest lead    {_lead(report)}, {counted(report.predicted_underruns, 'predicted underrun')}")
     lines += [f"  warning: {warning}" for warning in report.warnings]
     lines += [f"  problem: {problem}" for problem in report.problems]
     return "\n".join(lines)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from output.wording import counted
 from planning.geometry.stroke import Points
 from planning.motion.plan import Action
 from plotter.errors import BadInput
@@ -46,7 +47,7 @@ def draw_picture(
         colors.setdefault(line.layer, line.color)
     legend: list[tuple[str, str | None]] = [(f"page {_mm(page_mm[0])} x {_mm(page_mm[1])} mm", None)]
     legend += [(seen.layers.get(number) or "pen down", color) for number, color in colors.items()]
-    legend += [(f"pen down {seen.down_mm / 1000:.2f} m in {len(seen.ink)} strokes", None)]
+    legend += [(f"pen down {seen.down_mm / 1000:.2f} m in {counted(len(seen.ink), 'stroke')}", None)]
     legend += [(f"pen up {seen.up_mm / 1000:.2f} m", TRAVEL_COLOR)]
     _write(path, write, seen, page_mm, bounds_mm, tuple(legend))
 
@@ -70,7 +71,7 @@ def draw_ink(
             own = colors[index] if colors and index < len(colors) else None
             seen.ink.append(Line(thin_polyline(points, TOLERANCE_MM), visible(own or PALETTE[0]), 0))
     page = f"page {_mm(page_mm[0])} x {_mm(page_mm[1])} mm"
-    drawn = f"ink {seen.down_mm / 1000:.2f} m in {len(seen.ink)} strokes"
+    drawn = f"ink {seen.down_mm / 1000:.2f} m in {counted(len(seen.ink), 'stroke')}"
     _write(path, write, seen, page_mm, None, ((page, None), (drawn, None)))
 
 

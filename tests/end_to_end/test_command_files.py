@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -93,3 +94,22 @@ def test_a_file_that_should_not_be_sent(
     assert run(["verify", str(commands)]) == 2
     assert part in capsys.readouterr().err
     assert run(["send", str(commands), "--port", "sim", "--speed", "50"]) == 2
+
+
+def test_one_stroke_is_spoken_of_in_the_singular(
+    drawing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    drawing.write_text(PORTRAIT.split("<path")[0] + '<circle cx="50" cy="50" r="5"/></svg>')
+    commands = str(tmp_path / "out.ebb")
+    for command in (
+        ["preview", str(drawing), "-o", str(tmp_path / "picture.svg")],
+        ["layers", str(drawing)],
+        ["export", str(drawing), "-o", commands],
+        ["verify", commands],
+        ["plot", str(drawing), "--port", "sim", "--speed", "50"],
+    ):
+        assert run(command) == 0
+    said = capsys.readouterr().out + (tmp_path / "picture.svg").read_text()
+    assert said.count("1 stroke") >= 5 and "1 lift" in said
+    assert re.findall(r"\b1 (?:strokes|lifts|layers|commands|times)\b", said) == []
