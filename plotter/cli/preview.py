@@ -20,6 +20,9 @@ from plotter.pipeline import Job, planned, prepare, program
 from plotter.preview.picture import draw_picture
 from plotter.units import spoken_duration
 
+# So many places of the same pause are listed.
+_MOST_PAUSES = 8
+
 
 @click.command()
 @click.argument("file", metavar="FILE.svg")
@@ -70,6 +73,7 @@ def _report(values: dict[str, Any], job: Job, output: Path | None) -> str:
         f"  pen lifts  {spoken_duration(values['pen_lift_s']):>12}   {lifts:9d}",
         f"  drawn area   x {left:.1f} to {right:.1f} mm, y {top:.1f} to {bottom:.1f} mm",
     ]
+    lines += _pauses_said(values["pauses_at"], values["strokes"])
     if len(values["layers"]) > 1:
         lines += [
             f"  layer {t['number']} {t['name']}: {spoken_duration(t['duration_s'])}, {counted(t['strokes'], 'stroke')},"
@@ -79,3 +83,18 @@ def _report(values: dict[str, Any], job: Job, output: Path | None) -> str:
     if output is not None:
         lines.append(f"  picture    {output}")
     return "\n".join(lines)
+
+
+def _pauses_said(pauses: list[dict[str, Any]], strokes: int) -> list[str]:
+    """How many pauses there are and where, those with the same message together."""
+    places: dict[str, list[int]] = {}
+    for pause in pauses:
+        places.setdefault(pause["message"], []).append(pause["before_stroke"])
+    lines = [f"  pauses     {'':12}   {len(pauses):9}, whose length is not in the times"] if pauses else []
+    return lines + [f"    '{message}' {_before_said(numbers)} of {strokes}" for message, numbers in places.items()]
+
+
+def _before_said(numbers: list[int]) -> str:
+    """Before which strokes, numbered from 1."""
+    shown = ", ".join(str(number) for number in numbers[:_MOST_PAUSES]) + (", ..." if len(numbers) > _MOST_PAUSES else "")
+    return f"before stroke {shown}" if len(numbers) == 1 else f"{len(numbers)} times, before strokes {shown}"

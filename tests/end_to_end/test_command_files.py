@@ -21,7 +21,7 @@ KEYS = {
 }  # fmt: skip
 PREVIEW_KEYS = {
     "duration_s", "pen_down_s", "pen_up_s", "pen_lift_s", "pen_down_mm", "pen_up_mm", "pen_lifts", "strokes", "layers",
-    "bounds_mm", "commands",
+    "bounds_mm", "commands", "pauses", "pauses_at",
 }  # fmt: skip
 
 
@@ -113,3 +113,27 @@ def test_one_stroke_is_spoken_of_in_the_singular(
     said = capsys.readouterr().out + (tmp_path / "picture.svg").read_text()
     assert said.count("1 stroke") >= 5 and "1 lift" in said
     assert re.findall(r"\b1 (?:strokes|lifts|layers|commands|times)\b", said) == []
+
+
+def test_preview_says_where_the_plot_pauses(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    layer = '<g inkscape:groupmode="layer" inkscape:label="{}" stroke="blue">{}</g>'
+    lines = "".join(f'<path d="M20 {y}h90"/>' for y in range(20, 120, 10))
+    head = PORTRAIT.split("<path")[0].replace("<svg", '<svg xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"')
+    drawing.write_text(head + layer.format("frame", '<path d="M9 9h9"/>') + layer.format("!blue", lines) + "</svg>")
+    assert run(["preview", str(drawing)]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"pauses +1, whose length is not in the times\n", said)
+    assert "    'next: !blue, pen #0000ff' before stroke 2 of 11\n" in said
+    flags = ["--reink-every", "100mm"]
+    assert run(["preview", str(drawing), *flags]) == 0
+    said = capsys.readouterr().out
+    assert "'re-ink the pen' 9 times, before strokes 3, 4, 5, 6, 7, 8, 9, 10, ... of 11\n" in said
+    assert run(["preview", str(drawing), "--json", *flags]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["pauses"], [layer["pauses"] for layer in found["layers"]]) == (10, [0, 10])
+    assert found["pauses_at"][:2] == [
+        {"message": "next: !blue, pen #0000ff", "before_stroke": 2, "layer": 2},
+        {"message": "re-ink the pen", "before_stroke": 3, "layer": 2},
+    ]
+    assert run(["preview", str(drawing), *flags, "--well", "150mm,10mm"]) == 0
+    assert "re-ink" not in capsys.readouterr().out  # a visit to the well is no pause
