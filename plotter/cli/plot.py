@@ -30,6 +30,7 @@ from plotter.journals import Part, given_up, journal_path
 from plotter.journals import head as journal_head
 from plotter.pipeline import Job, prepare
 from plotter.preview.picture import draw_ink
+from plotter.preview.table import table_of
 from plotter.settings import Settings
 from plotter.units import spoken_duration
 
@@ -136,11 +137,10 @@ def _summary(job: Job, ended: Ended) -> str:
 def _keep_picture(virtual: VirtualBoard, picture: Path | None, job: Job) -> None:
     if picture is None:
         return
-    reinking = job.settings.reinking()
-    well_mm = None if reinking is None else reinking.well_mm
-    ink = [line for line in ink_mm(virtual.record(), job.machine.kinematics()) if not _is_dip(line, well_mm)]
+    table = table_of(job)
+    ink = [line for line in ink_mm(virtual.record(), job.machine.kinematics()) if not _is_dip(line, table.well_mm)]
     colors = [stroke.color for layer in job.layers for stroke in layer.strokes]
-    draw_ink(picture, ink, (job.machine.width_mm, job.machine.height_mm), colors=colors if len(colors) == len(ink) else None)
+    draw_ink(picture, ink, table, colors=colors if len(colors) == len(ink) else None)
 
 
 def _is_dip(line: np.ndarray, well_mm: np.ndarray | None) -> bool:

@@ -18,6 +18,7 @@ from plotter.cli.say import notes
 from plotter.estimate import PlanTally, facts
 from plotter.pipeline import Job, planned, prepare, program
 from plotter.preview.picture import draw_picture
+from plotter.preview.table import table_of
 from plotter.units import spoken_duration
 
 # So many places of the same pause are listed.
@@ -56,7 +57,7 @@ def _draw(job: Job, actions: list[Action], output: Path) -> None:
     draw_picture(
         output,
         actions,
-        (job.machine.width_mm, job.machine.height_mm),
+        table_of(job),
         layer_colors={layer.number: layer.color for layer in job.layers},
         stroke_colors=[stroke.color for layer in job.layers for stroke in layer.strokes],
     )

@@ -137,3 +137,14 @@ def test_preview_says_where_the_plot_pauses(drawing: Path, capsys: pytest.Captur
     ]
     assert run(["preview", str(drawing), *flags, "--well", "150mm,10mm"]) == 0
     assert "re-ink" not in capsys.readouterr().out  # a visit to the well is no pause
+
+
+@pytest.mark.parametrize("command", [["preview", "-o"], ["plot", "--port", "sim", "--speed", "100", "--picture"]])
+def test_pictures_show_the_page_where_it_lies_on_the_machine(command: list[str], drawing: Path, tmp_path: Path) -> None:
+    flags = ["--rotate", "90", "--scale", "0.5", "--offset-x", "20mm", "--reink-every", "5m", "--well", "250mm,15mm"]
+    picture = tmp_path / "picture.svg"
+    assert run([command[0], str(drawing), *command[1:], str(picture), *flags]) == 0
+    shown = picture.read_text()
+    page = re.search(r'class="page" points="([^"]*)"', shown)
+    assert page and set(page[1].split()) == {"20.000,0.000", "168.500,0.000", "168.500,105.000", "20.000,105.000"}
+    assert "page 148.5 x 105 mm" in shown and "machine 300 x 218 mm" in shown and "well at 250, 15 mm" in shown
