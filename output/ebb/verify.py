@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,11 +94,18 @@ class Report:
     def sendable(self) -> bool:
         return not self.problems
 
+    @property
+    def constant(self) -> Literal["speed", "acceleration", "jerk"]:
+        """What is constant within every command, and changes in jumps between them: the derivatives after it mean nothing."""
+        if not self.max_acceleration_mm_s2:
+            return "speed"
+        return "jerk" if self.max_jerk_mm_s3 else "acceleration"
+
     def as_dict(self) -> dict[str, Any]:
         """Everything but the strokes, for JSON."""
         values = asdict(self)
         del values["strokes"]
-        return {**values, "stroke_count": len(self.strokes), "sendable": self.sendable}
+        return {**values, "stroke_count": len(self.strokes), "sendable": self.sendable, "constant": self.constant}
 
 
 def verify(

@@ -144,14 +144,23 @@ def _lead(report: Report) -> str:
     return said if report.lowest_lead_s >= LEAD_S else f"{said} (1 s is wanted, the motion is too dense there)"
 
 
+def _highest(report: Report) -> str:
+    """Speed, and what of acceleration and jerk the commands have: those of the others go from one to the next in jumps."""
+    speed, acceleration = f"{report.max_speed_mm_s:.1f} mm/s", f"{report.max_acceleration_mm_s2:.0f} mm/s2"
+    if report.constant == "speed":
+        return f"{speed} (commands of constant speed: no acceleration, no jerk)"
+    if report.constant == "acceleration":
+        return f"{speed}, {acceleration} (commands of constant acceleration: no jerk)"
+    return f"{speed}, {acceleration}, {report.max_jerk_mm_s3:.0f} mm/s3"
+
+
 def _said(file: str, report: Report) -> str:
     lines = [
         f"{file}: {counted(report.commands, 'command')} for firmware {report.firmware}",
         f"  duration       {spoken_duration(report.duration_s)}",
         f"  pen down       {report.pen_down_mm / 1000:.3f} m in {counted(len(report.strokes), 'stroke')},"
         f" {counted(report.pen_lifts, 'lift')}",
-        f"  highest        {report.max_speed_mm_s:.1f} mm/s, {report.max_acceleration_mm_s2:.0f} mm/s2,"
-        f" {report.max_jerk_mm_s3:.0f} mm/s3; jump of speed {report.max_velocity_jump_mm_s:.3f} mm/s",
+        f"  highest        {_highest(report)}; jump of speed {report.max_velocity_jump_mm_s:.3f} mm/s",
         f"  ends at        {report.final_steps[0]}, {report.final_steps[1]} steps"
         f" ({report.final_position_mm[0]:.3f}, {report.final_position_mm[1]:.3f} mm)",
     ]

@@ -148,3 +148,20 @@ def test_pictures_show_the_page_where_it_lies_on_the_machine(command: list[str],
     page = re.search(r'class="page" points="([^"]*)"', shown)
     assert page and set(page[1].split()) == {"20.000,0.000", "168.500,0.000", "168.500,105.000", "20.000,105.000"}
     assert "page 148.5 x 105 mm" in shown and "machine 300 x 218 mm" in shown and "well at 250, 15 mm" in shown
+
+
+@pytest.mark.parametrize(
+    ("firmware", "said"),
+    [
+        ("3.0.3", r"highest +\d+\.\d mm/s, \d+ mm/s2, \d+ mm/s3; jump"),
+        ("2.8.1", r"highest +\d+\.\d mm/s, \d+ mm/s2 \(commands of constant acceleration: no jerk\); jump"),
+        ("1.9.5", r"highest +\d+\.\d mm/s \(commands of constant speed: no acceleration, no jerk\); jump"),
+    ],
+)
+def test_a_firmware_without_acceleration_or_jerk_has_none_of_it_said(
+    firmware: str, said: str, drawing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    commands = str(tmp_path / "out.ebb")
+    assert run(["export", str(drawing), "-o", commands, "--firmware", firmware]) == 0
+    assert run(["verify", commands]) == 0
+    assert re.search(said, capsys.readouterr().out)

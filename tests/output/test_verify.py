@@ -48,6 +48,21 @@ def test_acceleration_and_jerk_are_those_of_the_rates() -> None:
     assert jerky.max_acceleration_mm_s2 == pytest.approx(100 * 1000 / 2**31 / 80 / 40e-6**2, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("text", "constant"),
+    [
+        ("EM,1,1|SM,1000,800,1000|XM,500,100,20", "speed"),
+        ("LM,100000000,200,0,0,0,0|LT,100,100000000,0,0,0", "speed"),
+        ("LT,100,0,1000,0,0|SM,1000,800,1000", "acceleration"),
+        ("LM,100000000,200,1000,0,0,0", "acceleration"),
+        ("T3,100,0,0,1000,0,0,0|LT,100,0,1000,0,0", "jerk"),
+    ],
+)
+def test_what_the_commands_cannot_say_is_known(text: str, constant: str) -> None:
+    report = check(text)
+    assert report.constant == report.as_dict()["constant"] == constant
+
+
 def test_speed_peaks_inside_a_piece_are_found() -> None:
     report = check("T3,1000,0,200000,-400,0,0,0")
     assert report.max_speed_mm_s == pytest.approx(200000**2 / (2 * 400) / 2**31 / 80 / 40e-6, rel=1e-3)
