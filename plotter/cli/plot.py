@@ -75,6 +75,8 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
 
 def _start_mm(device: str, settings: Settings) -> np.ndarray:
     """Where the pen is, in machine millimetres (2,). Raises BoardRefused when the board cannot know it."""
+    if settings.start == "here" and device == SIM:
+        notes(["--start here: the virtual board has just been switched on, so that here is home"])
     if settings.start == "home" or device == SIM:
         return HOME_MM
     with connect(choose_port(device), clear=False, pen_pin=settings.pen_lift().other_pin) as board:
