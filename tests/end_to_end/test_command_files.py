@@ -165,3 +165,75 @@ def test_a_firmware_without_acceleration_or_jerk_has_none_of_it_said(
     assert run(["export", str(drawing), "-o", commands, "--firmware", firmware]) == 0
     assert run(["verify", commands]) == 0
     assert re.search(said, capsys.readouterr().out)
+
+
+# Lines that meet but for 0.09 mm, which are joined by a link that the drawing does not have; a curve, a corner and a dot.
+GAPPED = PORTRAIT.split("<path")[0] + (
+    '<path d="M20 20H60"/><path d="M60.09 20V50"/><path d="M20 60C60 0 120 80 180 40L150 90"/><circle cx="40" cy="100" r="3"/>'
+    '<path d="M90 90v.001"/><path d="M20 120h60"/><path d="M30 120.004h20"/></svg>'
+)
+
+
+@pytest.mark.parametrize("quality", ["fine", "normal"])
+@pytest.mark.parametrize(
+    ("firmware", "commands"),
+    [("3.0.3", "auto"), ("3.0.0", "lm"), ("3.0.3", "xm"), ("2.8.1", "auto"), ("2.6.6", "xm"), ("1.9.5", "auto")],
+)
+def test_every_export_is_within_what_verify_allows(
+    firmware: str, commands: str, quality: str, drawing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drawing.write_text(GAPPED)
+    file = str(tmp_path / "out.ebb")
+    flags = ["--firmware", firmware, "--commands", commands, "--quality", quality]
+    assert run(["export", str(drawing), "-o", file, *flags]) == 0
+    capsys.readouterr()
+    assert run(["verify", file, "--against", str(drawing), "--json"]) == 0
+    against = json.loads(capsys.readouterr().out)["against"]
+    assert against["drawn"]["max_mm"] > 0.03, "the link is there, further off than the tolerance"
+    tolerance_mm = {"fine": 0.01, "normal": 0.02}[quality]
+    steps = 4 if commands == "xm" or firmware == "1.9.5" else 1.4 if firmware == "3.0.3" else 2.5
+    assert against["allowed"]["wanted_mm"] == pytest.approx(tolerance_mm + 0.015 + steps * 0.0125)
+    assert against["allowed"]["drawn_mm"] == pytest.approx(against["allowed"]["wanted_mm"] + 0.05)
+
+
+def test_another_drawing_is_refused_whichever_has_more(
+    drawing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    more, file, bigger = tmp_path / "more.svg", str(tmp_path / "out.ebb"), str(tmp_path / "bigger.ebb")
+    more.write_text(PORTRAIT.replace("</svg>", '<path d="M30 30v.4"/></svg>'))
+    assert run(["export", str(drawing), "-o", file]) == run(["export", str(more), "-o", bigger]) == 0
+    assert run(["verify", file, "--against", str(drawing)]) == run(["verify", bigger, "--against", str(more)]) == 0
+    capsys.readouterr()
+    assert run(["verify", file, "--against", str(more)]) == 2
+    assert re.search(r"lines of \S+more.svg lie off the ink by \d\.\d+ mm, allowed is 0.0525 mm", capsys.readouterr().err)
+    assert run(["verify", bigger, "--against", str(drawing)]) == 2
+    assert re.search(r"ink lies off \S+portrait.svg by \d\.\d+ mm, allowed is 0.1025 mm", capsys.readouterr().err)
+
+
+def test_the_deviation_allowed_is_that_of_the_flag_or_the_head(
+    drawing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "out.ebb"
+    assert run(["export", str(drawing), "-o", str(file), "--tolerance", "0.05mm", "--join", "0"]) == 0
+    verify = ["verify", str(file), "--against", str(drawing)]
+    assert run(verify) == 0
+    assert "of 0.0825 mm allowed\n" in capsys.readouterr().out
+    assert run([*verify, "--within", "0.02mm"]) == 2
+    assert "allowed is 0.0200 mm" in capsys.readouterr().err
+    assert run([*verify, "--within", "0.02mm", "--json"]) == 2
+    found = json.loads(capsys.readouterr().out)
+    assert not found["sendable"] and "lies off" in found["problems"][0]
+    assert found["against"]["allowed"] == {"drawn_mm": 0.02, "wanted_mm": 0.02}
+    assert run([*verify, "--within", "1mm"]) == 0
+    for flags, said in (
+        (["--within", "0"], "more than 0"),
+        (["--within", "wide"], "number"),
+        (["--within", "-1mm"], "more than 0"),
+    ):
+        assert run([*verify, *flags]) == 2
+        assert said in capsys.readouterr().err
+    assert run(["verify", str(file), "--within", "1mm"]) == 2
+    assert "--against" in capsys.readouterr().err
+    file.write_text(file.read_text().replace("tolerance=0.05", "tolerance=wide"))
+    assert run(verify) == 2
+    assert "tolerance is 'wide'" in capsys.readouterr().err
