@@ -8,6 +8,7 @@ from typing import Any
 
 from output.wording import counted
 from plotter.errors import BadInput
+from plotter.svg.blame import not_finite
 from plotter.svg.clip import Clip
 from plotter.svg.clip_paths import ClipPaths
 from plotter.svg.collector import Collector, Shape, Spent
@@ -142,10 +143,8 @@ class Walk:
     def view_box(self, element: Any) -> Any:
         try:
             return parse_view_box(element.get("viewBox"))
-        except NotFinite:
-            raise BadInput(
-                f"{self.name(element)} has viewBox={element.get('viewBox')!r}, which is not finite; correct it"
-            ) from None
+        except NotFinite as error:
+            raise not_finite(self, str(error), element) from None
 
     # ---- elements
 
@@ -154,7 +153,7 @@ class Walk:
             try:
                 self.element(child, context)
             except NotFinite as error:
-                raise BadInput(f"{self.name(child)} has the value {str(error)!r}, which is not finite; correct it") from None
+                raise not_finite(self, str(error), child) from None
 
     def element(self, element: Any, context: Context) -> None:
         tag = element.tag
@@ -489,8 +488,8 @@ class Walk:
     def number(self, element: Any, attribute: str, text: str | None, frame: Frame, percent_of: float) -> float | None:
         try:
             return parse_length(text, frame, percent_of)
-        except NotFinite:
-            raise BadInput(f"{self.name(element)} has {attribute}={text!r}, which is not finite; correct it") from None
+        except NotFinite as error:
+            raise not_finite(self, str(error), element, attribute) from None
 
     def _specified(self, element: Any, name: str, style: Style | None = None) -> str | None:
         """A geometry attribute, or the property that overrides it."""
