@@ -11,6 +11,7 @@ from output.ebb.command_file import write_command_file
 from output.ebb.verify import verify
 from output.wording import counted
 from plotter.board_setup import board_setup
+from plotter.cli.help import HeadedCommand
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
@@ -21,7 +22,7 @@ from plotter.settings import ResolvedSettings
 from plotter.units import spoken_duration
 
 
-@click.command()
+@click.command(cls=HeadedCommand)
 @click.argument("file", metavar="FILE.svg")
 @click.option("-o", "--output", required=True, metavar="OUT.ebb", help="Command file to write; - writes standard output.")
 @settings_options

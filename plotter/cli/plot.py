@@ -20,6 +20,7 @@ from planning.motion.limits import Kinematics
 from plotter.board_setup import HOME_MM, board_setup
 from plotter.cli.awake import awake
 from plotter.cli.board import position_mm
+from plotter.cli.help import HeadedCommand
 from plotter.cli.options import SIM, collect, settings_options
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.reading import collect_reading, reading_options
@@ -38,7 +39,7 @@ from plotter.units import spoken_duration
 _AT_WELL_MM = 0.02
 
 
-@click.command()
+@click.command(cls=HeadedCommand)
 @click.argument("file", metavar="FILE.svg")
 @click.option(
     "--port",

@@ -12,6 +12,7 @@ from output.ebb.estimate import estimate
 from output.wording import counted
 from planning.motion.plan import Action
 from plotter.board_setup import board_setup
+from plotter.cli.help import HeadedCommand
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
@@ -25,7 +26,7 @@ from plotter.units import spoken_duration
 _MOST_PAUSES = 8
 
 
-@click.command()
+@click.command(cls=HeadedCommand)
 @click.argument("file", metavar="FILE.svg")
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Picture to draw: .png or .svg.")
 @click.option("--json", "as_json", is_flag=True, help="For programs.")

@@ -11,6 +11,7 @@ import click
 import numpy as np
 
 from output.wording import counted
+from plotter.cli.help import HeadedCommand, HeadedOption, Heading
 from plotter.errors import BadInput
 from plotter.svg.drawing import Drawing
 from plotter.svg.options import Budgets, Fills, Hidden, LayerRule, ReadOptions, Text
@@ -42,35 +43,13 @@ def _length(ctx: click.Context, param: click.Parameter, value: str) -> float:
 
 
 def _flags() -> list[Decorator]:
+    def reading(flag: str, name: str, heading: Heading = Heading.READING, **attributes: Any) -> Decorator:
+        return click.option(flag, f"read_{name}", cls=HeadedOption, heading=heading, **attributes)
+
     def choice(flag: str, name: str, kinds: Any, default: str, text: str) -> Decorator:
-        return click.option(
-            flag, f"read_{name}", type=click.Choice(get_args(kinds)), default=default, show_default=True, help=text
-        )
+        return reading(flag, name, type=click.Choice(get_args(kinds)), default=default, show_default=True, help=text)
 
     flags: list[Decorator] = [
-        click.option(
-            "--tolerance-curve",
-            "read_tolerance_mm",
-            callback=_length,
-            metavar="LENGTH",
-            default=f"{_DEFAULT.tolerance_mm:g}mm",
-            show_default=True,
-            help="How far a curve's polyline may lie from the curve; 0.0001mm to 10mm.",
-        ),
-        choice(
-            "--hidden",
-            "hidden",
-            Hidden,
-            _DEFAULT.hidden,
-            "What is not painted: left out; drawn where it merely has no fill and stroke; or all of it, also display:none.",
-        ),
-        choice(
-            "--fills",
-            "fills",
-            Fills,
-            _DEFAULT.fills,
-            "Filled shapes: as outlines; also with the closing line that a fill implies; or left out where only filled.",
-        ),
         choice("--text", "text", Text, _DEFAULT.text, "Text: outlines of its glyphs; single-line strokes; or left out."),
         choice(
             "--layers",
@@ -79,22 +58,46 @@ def _flags() -> list[Decorator]:
             _DEFAULT.layers,
             "What a layer is: Inkscape's layers, else top-level groups (auto); one of these; or one for all.",
         ),
-        click.option("--occlude", "read_occlude", is_flag=True, help="Hide what lies under opaque fills."),
-        click.option("--crop", "read_crop", is_flag=True, help="Cut the drawing at the page's edge."),
-        click.option(
+        choice(
+            "--fills",
+            "fills",
+            Fills,
+            _DEFAULT.fills,
+            "Filled shapes: as outlines; also with the closing line that a fill implies; or left out where only filled.",
+        ),
+        choice(
+            "--hidden",
+            "hidden",
+            Hidden,
+            _DEFAULT.hidden,
+            "What is not painted: left out; drawn where it merely has no fill and stroke; or all of it, also display:none.",
+        ),
+        reading("--occlude", "occlude", is_flag=True, help="Hide what lies under opaque fills."),
+        reading("--crop", "crop", is_flag=True, help="Cut the drawing at the page's edge."),
+        reading(
             "--dpi",
-            "read_px_per_in",
+            "px_per_in",
             type=click.FloatRange(1, 10_000),
             default=_DEFAULT.px_per_in,
             show_default="96",
             help="Pixels per inch: 96 by the standard, 72 for files of old Illustrator.",
         ),
+        reading(
+            "--tolerance-curve",
+            "tolerance_mm",
+            callback=_length,
+            metavar="LENGTH",
+            default=f"{_DEFAULT.tolerance_mm:g}mm",
+            show_default=True,
+            help="How far a curve's polyline may lie from the curve; 0.0001mm to 10mm.",
+        ),
     ]
     for name, (flag, what) in _BUDGET_FLAGS.items():
         flags.append(
-            click.option(
+            reading(
                 flag,
-                f"read_max_{name}",
+                f"max_{name}",
+                Heading.LIMITS,
                 type=click.IntRange(1, 400 if name == "nesting" else None),
                 default=getattr(_DEFAULT.budgets, name),
                 show_default=True,
@@ -131,7 +134,7 @@ def read_file(file: str, options: ReadOptions) -> Drawing:
     return drawing
 
 
-@click.command()
+@click.command(cls=HeadedCommand)
 @click.argument("file", metavar="FILE.svg")
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 @reading_options
@@ -184,7 +187,7 @@ def _rows(drawing: Drawing) -> list[dict[str, Any]]:
     return rows
 
 
-@click.command()
+@click.command(cls=HeadedCommand)
 @click.argument("file", metavar="FILE.svg")
 @click.option("-o", "--output", required=True, metavar="POLY.json", help="Where to write; - writes standard output.")
 @reading_options

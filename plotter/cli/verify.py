@@ -17,6 +17,7 @@ from output.ebb.verify_compare import Comparison, compare
 from output.wording import counted
 from planning.ordering.crowds import SAME_LINE_MM
 from plotter.arrange import Placement
+from plotter.cli.help import HeadedCommand
 from plotter.cli.reading import collect_reading, read_file, reading_options
 from plotter.errors import BadInput
 from plotter.machines.profile import Machine, load_machine, load_quality
@@ -37,7 +38,7 @@ def _distance(ctx: click.Context, param: click.Parameter, value: str | None) -> 
     return distance_mm
 
 
-@click.command("verify")
+@click.command("verify", cls=HeadedCommand)
 @click.argument("file", metavar="COMMANDS")
 @click.option(
     "--machine", "machine_name", metavar="MACHINE", help="Machine, when the file's head names none or another is meant."
