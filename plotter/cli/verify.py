@@ -15,7 +15,6 @@ from output.ebb.queue_forecast import LEAD_S
 from output.ebb.verify import Report, verify
 from output.ebb.verify_compare import Comparison, compare
 from output.wording import counted
-from planning.ordering.crowds import SAME_LINE_MM
 from plotter.arrange import Placement
 from plotter.cli.help import HeadedCommand
 from plotter.cli.reading import collect_reading, read_file, reading_options
@@ -146,6 +145,7 @@ def _allowed(header: dict[str, str], report: Report, machine: Machine, compariso
     links that join strokes, of which no point is further from an end than half the link.
     """
     from output.ebb.encode_families import Sizing
+    from planning.ordering.crowds import SAME_LINE_MM
 
     sizing = Sizing()
     off = {"jerk": sizing.merge_steps, "acceleration": sizing.lt_steps * sizing.worst_steps}
