@@ -64,7 +64,7 @@ class HeadedCommand(click.Command):
                 formatter.write_dl([(f"{flag:{_COLUMN}}", text) for flag, text in rows], col_max=_COLUMN)
         if hidden:
             count = sum(number for _, number in hidden)
-            titles = ", ".join(heading.value.replace(", in detail", "").lower() for heading, _ in hidden)
+            titles = ", ".join(heading.value.replace(",", "").lower() for heading, _ in hidden)
             formatter.write_paragraph()
             formatter.write_text(f"{count} more options with --help-all: {titles}.")
 
