@@ -1,16 +1,16 @@
-"""What a plan consists of: distances, strokes and lifts, in all and layer by layer, counted as the plan passes by."""
+"""What a plan consists of: distances, strokes, lifts and pauses, in all and layer by layer, counted as the plan passes by."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from output.ebb.estimate import Estimate, Times
-from planning.motion.plan import Action, Dip, Draw, LayerStart, Lift, Motion, Travel
+from planning.motion.plan import Action, Dip, Draw, LayerStart, Lift, Motion, OperatorPause, Travel
 
 # Speed is the root of a quartic in time: five points integrate its length to well under a micrometre a piece.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
@@ -24,6 +24,16 @@ class Tally:
     pen_up_mm: float = 0.0
     pen_lifts: int = 0
     strokes: int = 0
+    pauses: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedPause:
+    """Where the plan stops for the operator: before which stroke (from 1), in which layer."""
+
+    message: str
+    before_stroke: int
+    layer: int
 
 
 @dataclass(slots=True)
@@ -40,6 +50,7 @@ class PlanTally:
 
     total: Tally = field(default_factory=Tally)
     layers: list[LayerTally] = field(default_factory=list)
+    pauses: list[PlannedPause] = field(default_factory=list)
     low_mm: NDArray[np.float64] = field(default_factory=lambda: np.full(2, np.inf))
     high_mm: NDArray[np.float64] = field(default_factory=lambda: np.full(2, -np.inf))
 
@@ -49,7 +60,7 @@ class PlanTally:
         return float(self.low_mm[0]), float(self.low_mm[1]), float(self.high_mm[0]), float(self.high_mm[1])
 
     def watch(self, actions: Iterable[Action]) -> Iterator[Action]:
-        """The same actions; distances, strokes and lifts are counted as they pass."""
+        """The same actions; distances, strokes, lifts and pauses are counted as they pass."""
         for action in actions:
             match action:
                 case LayerStart(number=number, name=name):
@@ -61,6 +72,10 @@ class PlanTally:
                     self._count(pen_up_mm=length_mm(motion))
                 case Lift() | Dip():
                     self._count(pen_lifts=1)
+                case OperatorPause(message=message):
+                    layer = self.layers[-1].number if self.layers else 0
+                    self.pauses.append(PlannedPause(message, self.total.strokes + 1, layer))
+                    self._count(pauses=1)
             yield action
 
     def _count(self, **amounts: float) -> None:
@@ -80,6 +95,7 @@ def facts(tally: PlanTally, estimate: Estimate) -> dict[str, Any]:
     times = {layer.number: layer for layer in estimate.layers}
     return {
         **_together(tally.total, estimate),
+        "pauses_at": [asdict(pause) for pause in tally.pauses],
         "layers": [
             {"number": layer.number, "name": layer.name, **_together(layer, times.get(layer.number, Times()))}
             for layer in tally.layers
@@ -99,6 +115,7 @@ def _together(tally: Tally, times: Times) -> dict[str, float]:
         "pen_up_mm": tally.pen_up_mm,
         "pen_lifts": tally.pen_lifts,
         "strokes": tally.strokes,
+        "pauses": tally.pauses,
     }
     return {name: round(value, 4) for name, value in values.items()}
 

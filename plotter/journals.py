@@ -18,6 +18,7 @@ from output.ebb.encode import BoardSetup, encode, epilogue, prologue
 from output.ebb.journal import PlotState, differences, load
 from output.ebb.program import Mark
 from output.ebb.resume import Place
+from output.wording import counted
 from planning.geometry.remainder import OVERLAP_MM, remainder
 from planning.geometry.stroke import Layer
 from planning.motion.plan import Action, Draw, Lower
@@ -64,7 +65,7 @@ def given_up() -> str | None:
     if state is None or not state.interrupted:
         return None
     began = datetime.fromtimestamp(state.began_s).strftime("%Y-%m-%d %H:%M") if state.began_s else "some time ago"
-    drawn = f"interrupted after {len(state.strokes_done)} strokes"
+    drawn = f"interrupted after {counted(len(state.strokes_done), 'stroke')}"
     told = f"the plot of {state.head.get('file')}, begun {began}, was {drawn}"
     return f"{told}; this one takes its place, so that it can no longer be resumed"
 

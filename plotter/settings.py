@@ -279,7 +279,7 @@ def _validated(given: Mapping[str, Any]) -> Settings:
     try:
         return Settings.model_validate(given)
     except ValidationError as error:
-        raise BadInput(f"settings: {first_fault(error)}; see `plotter settings --help` for what it may be") from None
+        raise BadInput(f"settings: {first_fault(error)}; see `plotter settings --help-all` for what it may be") from None
 
 
 def _read_file(file: Path | None) -> dict[str, Any]:

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from output.ebb.commands import HM, L3, LM, LT, SM, T3, TD, TR, XM, Command
+from output.wording import counted
 
 ONE_STEP = 1 << 31
 TICKS_PER_MS = 25
@@ -259,7 +260,7 @@ def _run(profile: Profile, acc: int, steps: int) -> _Run:
     if steps == 0:
         return _Run(0, 0, acc)
     if profile == STILL:
-        raise NeverEnds(f"{steps} steps with rate, acceleration and jerk 0")
+        raise NeverEnds(f"{counted(steps, 'step')} with rate, acceleration and jerk 0")
     done, taken = 0, 0
     for end in _one_way_spans(profile):
         before = (acc + profile.total(done)) // ONE_STEP
@@ -339,7 +340,7 @@ def _run_wrapped(profile: Profile, acc: int, steps: int) -> _Run:
             moved, rest = divmod(int(sums[at]), ONE_STEP)
             return _Run(first + at, moved, rest, True)
         total, taken = int(sums[-1]), int(counts[-1])
-    raise NeverEnds(f"{steps} steps are not taken within {_SEARCH_TICKS * TICK_S / 60:.0f} minutes")
+    raise NeverEnds(f"{counted(steps, 'step is', 'steps are')} not taken within {_SEARCH_TICKS * TICK_S / 60:.0f} minutes")
 
 
 def registers_hold(profile: Profile, ticks: int) -> bool:
@@ -452,9 +453,9 @@ def _sm_rate(per_ms: _Float, steps: int, axis: int) -> int:
     if rate >= 1 << 32:
         return ONE_STEP - 1
     if rate > ONE_STEP:
-        raise StepRateRefused(f"axis {axis} step rate too high: {abs(steps)} steps")
+        raise StepRateRefused(f"axis {axis} step rate too high: {counted(abs(steps), 'step')}")
     if rate == 0:
-        raise StepRateRefused(f"axis {axis} step rate too slow: {abs(steps)} steps")
+        raise StepRateRefused(f"axis {axis} step rate too slow: {counted(abs(steps), 'step')}")
     return rate
 
 

@@ -25,6 +25,7 @@ from output.ebb.arithmetic import (
     trunc_div,
 )
 from output.ebb.commands import HM, LM, LT, SM, XM, Command
+from output.wording import counted
 
 _SEARCH_TICKS = 1 << 27
 _CHUNK = 1 << 16
@@ -78,9 +79,9 @@ def _constant(duration_ms: int, steps: tuple[int, int], state: State) -> Execute
     rates = [sm_rate(duration_ms, n) for n in steps]
     for axis, (rate, n) in enumerate(zip(rates, steps, strict=True), 1):
         if n and rate > ONE_STEP:
-            raise StepRateRefused(f"axis {axis} step rate too high: {abs(n)} steps in {duration_ms} ms")
+            raise StepRateRefused(f"axis {axis} step rate too high: {counted(abs(n), 'step')} in {duration_ms} ms")
         if n and rate < _LEAST_RATE:
-            raise StepRateRefused(f"axis {axis} step rate below 1.31 per second: {abs(n)} steps in {duration_ms} ms")
+            raise StepRateRefused(f"axis {axis} step rate below 1.31 per second: {counted(abs(n), 'step')} in {duration_ms} ms")
     return _at_rates((rates[0], rates[1]), steps, state)
 
 
@@ -124,7 +125,7 @@ def _count(profile: Profile, acc: int, steps: int) -> tuple[int, int, bool]:
     """Ticks until `steps` steps, the accumulator then, and whether the rate rolled over. Raises NeverEnds."""
     if profile.accel == 0:
         if profile.r0 == 0:
-            raise NeverEnds(f"{steps} steps with rate and acceleration 0")
+            raise NeverEnds(f"{counted(steps, 'step')} with rate and acceleration 0")
         needed = steps * ONE_STEP - acc
         ticks = -(-needed // profile.r0)
         return ticks, profile.r0 * ticks - needed, False
@@ -149,7 +150,7 @@ def _count_rolling(profile: Profile, acc: int, steps: int) -> tuple[int, int, bo
             at = int(np.searchsorted(sums, steps * ONE_STEP))
             return first + at, int(sums[at]) - steps * ONE_STEP, True
         total = int(sums[-1])
-    raise NeverEnds(f"{steps} steps are not taken within an hour and a half")
+    raise NeverEnds(f"{counted(steps, 'step is', 'steps are')} not taken within an hour and a half")
 
 
 def _stepped(command: LM, state: State) -> Executed:

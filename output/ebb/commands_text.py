@@ -9,6 +9,7 @@ from itertools import zip_longest
 from output.ebb import commands, commands_pins
 from output.ebb.commands import Command
 from output.errors import BadCommand
+from output.wording import counted
 
 
 def _kinds() -> dict[str, type[Command]]:
@@ -36,18 +37,31 @@ def parse_command(line: str) -> Command:
     known = fields(kind)
     required = sum(field.default is MISSING for field in known)
     if len(words) > len(known):
-        raise BadCommand(f"{kind.name} has {len(words)} parameters, at most {len(known)} are allowed; leave the others out")
+        given = counted(len(words), "parameter")
+        raise BadCommand(f"{kind.name} has {given}, at most {len(known)} are allowed; leave the others out")
     if len(words) < required:
-        raise BadCommand(f"{kind.name} has {len(words)} parameters, {required} are needed ({_signature(kind)})")
+        raise BadCommand(f"{kind.name} has {counted(len(words), 'parameter')}, {required} are needed ({_signature(kind)})")
     values: list[int | str] = []
     for field, word in zip(known, words, strict=False):
         if field.name in _TEXT_FIELDS:
             values.append(word.upper() if field.name in ("port", "upper") else word)
         elif _NUMBER.match(word):
             values.append(int(word))
+        elif re.fullmatch(r"-?\d+", word, re.ASCII):
+            raise BadCommand(_too_long(kind, field.name, word))
         else:
             raise BadCommand(f"{kind.name}: {field.name} is {word!r}, allowed is a whole number; write it in digits")
     return kind(*values)
+
+
+def _too_long(kind: type[Command], parameter: str, word: str) -> str:
+    """What is said of a number of more than ten digits, which no parameter has: by its bounds, or by its zeros in front."""
+    said = f"{kind.name}: {parameter} is {word if len(word) <= 24 else word[:20] + '...'}"
+    bounds = dict(zip(commands.parameter_names(kind), kind.bounds, strict=False))
+    if len(word.lstrip("-0")) > 10 and parameter in bounds:
+        low, high = bounds[parameter]
+        return f"{said}, allowed is {low} to {high}; change the value"
+    return f"{said}, allowed is a number of up to 10 digits; write it shorter"
 
 
 def _signature(kind: type[Command]) -> str:

@@ -44,8 +44,8 @@ _STEEPEST = 1 << 40
 _HUGE = 1 << 62
 HALF = ONE_STEP // 2
 
-# ticks, dead ticks, Rate, Accel and Jerk of both axes, kind, place of the command
-_Row = tuple[int, int, int, int, int, int, int, int, int, int]
+# ticks, dead ticks, Rate, Accel and Jerk of both axes, kind, place of the command, its line (0: not from a file)
+_Row = tuple[int, int, int, int, int, int, int, int, int, int, int]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -117,7 +117,7 @@ class Replay:
         # One piece of a plan is one T3: by far the most common, so it is looked for first.
         plain = not self.firmware.old_arithmetic
         for entry in self.program:
-            item = entry.item if isinstance(entry, Line) else entry
+            line, item = entry if isinstance(entry, Line) else (0, entry)
             if (
                 plain and type(item) is T3 and item.clear is None and item.intervals <= _LONGEST
                 and not self._counted and self._falling is None
@@ -125,12 +125,12 @@ class Replay:
                 if not self._tags or self._tags[-1][1] is not self._tag:
                     self._retag()
                 one, two = (item.rate1, item.accel1, item.jerk1), (item.rate2, item.accel2, item.jerk2)
-                self._rows.append((item.intervals, 1, *one, *two, MOVE, self.commands))
+                self._rows.append((item.intervals, 1, *one, *two, MOVE, self.commands, line))
                 self.commands += 1
                 if len(self._rows) >= _CHUNK_ROWS:
                     yield self._flush()
                 continue
-            self._line = entry.number if isinstance(entry, Line) else 0
+            self._line = line
             if not isinstance(item, Command):
                 self._mark(item)
                 continue
@@ -159,8 +159,10 @@ class Replay:
         """Physical steps so far."""
         return self._physical(self._state.position)
 
-    def _problem(self, text: str) -> None:
-        self.problems.append(f"line {self._line}: {text}" if self._line else text)
+    def _problem(self, text: str, line: int | None = None) -> None:
+        """`line` when it is not the last that was read."""
+        line = self._line if line is None else line
+        self.problems.append(f"line {line}: {text}" if line else text)
 
     def _mark(self, mark: Mark) -> None:
         down, layer, stroke = self._tag
@@ -221,7 +223,7 @@ class Replay:
     def _timed(self, ticks: int, one: tuple[int, int, int], two: tuple[int, int, int], index: int) -> None:
         self._fall(ticks + 1)
         self._retag()
-        self._rows.append((ticks, 1, *one, *two, MOVE, index))
+        self._rows.append((ticks, 1, *one, *two, MOVE, index, self._line))
 
     def _fall(self, ticks: int) -> None:
         """A pen that is lowered in motion is down from the row on in which it comes half way: so early a lowering shows."""
@@ -239,7 +241,7 @@ class Replay:
             self._keep_counted(max(ticks, 1), 0, self._still_phase(), self.counters(), (STILL, STILL), kind, index)
             return
         self._retag()
-        self._rows.append((max(ticks, 1), 0, 0, 0, 0, 0, 0, 0, kind, index))
+        self._rows.append((max(ticks, 1), 0, 0, 0, 0, 0, 0, 0, kind, index, self._line))
 
     def _retag(self) -> None:
         if not self._tags or self._tags[-1][1] != self._tag:
@@ -269,7 +271,7 @@ class Replay:
 
     def _moving(self) -> bool:
         """Whether the timed move before this one ended in motion."""
-        if not self._rows or self._rows[-1][-2] != MOVE:
+        if not self._rows or self._rows[-1][8] != MOVE:
             return False
         ticks, _, rate1, accel1, jerk1, rate2, accel2, jerk2, *_ = self._rows[-1]
         ends = (rate1 + ticks * (accel1 + ticks * jerk1 / 2), rate2 + ticks * (accel2 + ticks * jerk2 / 2))
@@ -334,7 +336,8 @@ class Replay:
             self._problem(f"{command.wire()}: {error}, which the board refuses; give it another duration")
             return
         if done.overflow:
-            self._overflow(command.wire())
+            rates = [(axis, s.profile[axis], s.ticks) for s in done.segments for axis in (0, 1)]
+            self._overflow(command.wire(), *max(rates, key=lambda rate: abs(_furthest(*rate[1:]))), self._line)
         counter = self.counters()
         set_half = command in (LT(1, HALF, 0, HALF, 0), LT(1, HALF, 0, HALF, 0, 3))
         primes = set_half and done.state.position == self._state.position
@@ -386,10 +389,16 @@ class Replay:
             command=raw[:, 16],
         )
 
-    def _overflow(self, wire: str) -> None:
-        self._problem(
-            f"{wire}: a rate leaves its 32 bits, beyond 25 kHz, and the motor would jump to another speed; plan slower"
-        )
+    def _overflow(self, command: str, axis: int, profile: Profile, ticks: int, line: int) -> None:
+        """A rate that becomes more than its register holds; older firmware holds it without a sign."""
+        reached, limit, n = _furthest(profile, ticks), f"{ONE_STEP - 1} (25 kHz)", axis + 1
+        jump = "beyond which its 32 bits roll over and the motor jumps to another speed: give it less, or fewer intervals"
+        if self.firmware.old_arithmetic:
+            self._problem(f"{command}: a rate leaves 0 to {limit} within it, by its rate and accel, {jump}", line)
+            return
+        cause = f"by accel{n} {profile.accel} and jerk{n} {profile.jerk}"
+        allowed = f"allowed is -{ONE_STEP} to {limit}"
+        self._problem(f"{command}: rate{n} becomes {reached} within {ticks} intervals, {cause}; {allowed}, {jump}", line)
 
     def _flush(self) -> Rows:
         """Everything gathered, as rows: position * 2^31 + acc grows by the sum of the rates."""
@@ -409,7 +418,7 @@ class Replay:
         for i, axis in np.argwhere(steep | _leaves_registers(r0, accel, jerk, t)):
             wrapped = arithmetic.Profile(int(r0[i, axis]), int(accel[i, axis]), int(jerk[i, axis]))
             total[i, axis] = arithmetic.wrapped_total(wrapped, int(ticks[i]))
-            self._overflow(f"command {int(raw[i, 9]) + 1}")
+            self._overflow(f"command {int(raw[i, 9]) + 1}", int(axis), wrapped, int(ticks[i]), int(raw[i, 10]))
 
         start = [self._state.position[axis] * ONE_STEP + self._state.acc[axis] for axis in (0, 1)]
         phase = np.vstack((np.array([start]), start + np.cumsum(total, axis=0)))
@@ -434,6 +443,13 @@ class Replay:
             stroke=tags[2],
             command=raw[:, 9],
         )
+
+
+def _furthest(profile: Profile, ticks: int) -> int:
+    """The rate (2^-31 steps per tick) furthest from 0 in ticks 1 to `ticks`, were its register as wide as it needs."""
+    turn = (profile.jerk - 2 * profile.accel) // (2 * profile.jerk) if profile.jerk else 1
+    places = {1, ticks, *(min(max(turn + shift, 1), ticks) for shift in (0, 1))}
+    return max((profile.rate(t) for t in places), key=abs)
 
 
 def _truncated(value: Ints, divisor: int) -> Ints:

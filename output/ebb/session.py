@@ -25,6 +25,7 @@ from output.ebb.protocol import Syntax
 from output.ebb.safe_stop import StopReport, safe_stop
 from output.ebb.stream import Hold, Progress, Recorder, StopRequested, Streamer
 from output.errors import BadCommand, BoardRefused, LinkLost
+from output.wording import counted
 
 # CU,4 answers only when nothing moves any more: at once after a stop, later after another program's move.
 _IDLE_TIMEOUT_S = 30.0
@@ -300,7 +301,8 @@ class Board:
 
     def _told_better(self, error: LinkLost, report: StopReport, progress: Progress) -> BoardRefused | LinkLost:
         """What a lost reply or link really was, once the safe stop has looked."""
-        done = f"{progress.commands_executed} commands and {progress.strokes_done} strokes were drawn for certain"
+        drawn = counted(progress.strokes_done, "stroke")
+        done = f"{counted(progress.commands_executed, 'command')} and {drawn} were drawn for certain"
         if not report.pen_up:
             return LinkLost(f"{error}; {done}; the pen could not be raised and may be down: lift it by hand")
         if self.abilities.future_syntax and self._talk.syntax is Syntax.LEGACY:

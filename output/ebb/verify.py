@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from output.ebb.queue_forecast import QueueForecast, QueueSetup, queue_setup, se
 from output.ebb.replay import MOVE, PEN, Replay, Rows
 from output.ebb.reversals import Reversals
 from output.ebb.verify_compare import Comparison, compare
+from output.wording import counted
 from planning.motion.limits import Kinematics
 
 __all__ = ["Comparison", "Report", "compare", "verify"]
@@ -97,11 +98,18 @@ class Report:
     def sendable(self) -> bool:
         return not self.problems
 
+    @property
+    def constant(self) -> Literal["speed", "acceleration", "jerk"]:
+        """What is constant within every command, and changes in jumps between them: the derivatives after it mean nothing."""
+        if not self.max_acceleration_mm_s2:
+            return "speed"
+        return "jerk" if self.max_jerk_mm_s3 else "acceleration"
+
     def as_dict(self) -> dict[str, Any]:
         """Everything but the strokes, for JSON."""
         values = asdict(self)
         del values["strokes"]
-        return {**values, "stroke_count": len(self.strokes), "sendable": self.sendable}
+        return {**values, "stroke_count": len(self.strokes), "sendable": self.sendable, "constant": self.constant}
 
 
 def verify(
@@ -307,8 +315,8 @@ class _Check:
         if r.predicted_underruns:
             at, lack = self.queue.first_underruns[0]
             r.problems.append(
-                f"the board would run dry {r.predicted_underruns} times in motion, first before command {at + 1} for "
-                f"{lack * 1000:.1f} ms; export for this firmware ({self.firmware.name}) with longer pieces"
+                f"the board would run dry {counted(r.predicted_underruns, 'time')} in motion, first before command {at + 1} "
+                f"for {lack * 1000:.1f} ms; export for this firmware ({self.firmware.name}) with longer pieces"
             )
         if r.max_velocity_jump_mm_s > _HEARD_MM_S:
             jump = f"the speed jumps by {r.max_velocity_jump_mm_s:.1f} mm/s at command {r.max_velocity_jump_at + 1}"

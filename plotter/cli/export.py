@@ -9,7 +9,9 @@ import click
 
 from output.ebb.command_file import write_command_file
 from output.ebb.verify import verify
+from output.wording import counted
 from plotter.board_setup import board_setup
+from plotter.cli.help import HeadedCommand
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
@@ -20,7 +22,7 @@ from plotter.settings import ResolvedSettings
 from plotter.units import spoken_duration
 
 
-@click.command()
+@click.command(cls=HeadedCommand)
 @click.argument("file", metavar="FILE.svg")
 @click.option("-o", "--output", required=True, metavar="OUT.ebb", help="Command file to write; - writes standard output.")
 @settings_options
@@ -58,7 +60,7 @@ def export(file: str, output: str, **options: Any) -> None:
         write_command_file(output, header, items)
     except OSError as error:
         raise BadInput(f"cannot write {output}: {error.strerror}; give another file with -o") from None
-    click.echo(f"{output}: {report.commands} commands, {spoken_duration(report.duration_s)}")
+    click.echo(f"{output}: {counted(report.commands, 'command')}, {spoken_duration(report.duration_s)}")
 
 
 def _in_force(resolved: ResolvedSettings) -> str:

@@ -64,7 +64,7 @@ class LazyGroup(click.Group):
         return command
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="plotter")
 def cli() -> None:
     """Plot SVG files on EiBotBoard pen plotters: smoothly, exactly, and with the pen always lifted at the end.

@@ -15,10 +15,12 @@ from output.ebb.journal import Journal
 from output.ebb.ports import choose_port
 from output.ebb.session import connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
+from output.wording import counted
 from planning.motion.limits import Kinematics
 from plotter.board_setup import HOME_MM, board_setup
 from plotter.cli.awake import awake
 from plotter.cli.board import position_mm
+from plotter.cli.help import HeadedCommand
 from plotter.cli.options import SIM, collect, settings_options
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.reading import collect_reading, reading_options
@@ -29,6 +31,7 @@ from plotter.journals import Part, given_up, journal_path
 from plotter.journals import head as journal_head
 from plotter.pipeline import Job, prepare
 from plotter.preview.picture import draw_ink
+from plotter.preview.table import table_of
 from plotter.settings import Settings
 from plotter.units import spoken_duration
 
@@ -36,7 +39,7 @@ from plotter.units import spoken_duration
 _AT_WELL_MM = 0.02
 
 
-@click.command()
+@click.command(cls=HeadedCommand)
 @click.argument("file", metavar="FILE.svg")
 @click.option(
     "--port",
@@ -73,6 +76,8 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
 
 def _start_mm(device: str, settings: Settings) -> np.ndarray:
     """Where the pen is, in machine millimetres (2,). Raises BoardRefused when the board cannot know it."""
+    if settings.start == "here" and device == SIM:
+        notes(["--start here: the virtual board has just been switched on, so that here is home"])
     if settings.start == "home" or device == SIM:
         return HOME_MM
     with connect(choose_port(device), clear=False, pen_pin=settings.pen_lift().other_pin) as board:
@@ -95,7 +100,7 @@ def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | Non
     click.echo(_summary(job, ended))
     if ended.total.stalls and board_speed <= 1:
         stalls, stalled_s = ended.total.stalls, ended.total.stalled_s
-        click.echo(f"the board waited {stalls} times for the computer, {stalled_s:.2f} s in all")
+        click.echo(f"the board waited {counted(stalls, 'time')} for the computer, {stalled_s:.2f} s in all")
 
 
 def _first_part(job: Job) -> Part | None:
@@ -127,7 +132,7 @@ def _begun(head: dict[str, Any]) -> Iterator[Journal | None]:
 def _summary(job: Job, ended: Ended) -> str:
     length_m = sum(stroke.length_mm for layer in job.layers for stroke in layer.strokes) / 1000
     return (
-        f"plotted {job.name}: {job.stroke_count} strokes, {length_m:.3f} m pen down in "
+        f"plotted {job.name}: {counted(job.stroke_count, 'stroke')}, {length_m:.3f} m pen down in "
         f"{spoken_duration(ended.total.board_time_s)} of board time ({spoken_duration(ended.took_s)} by the clock)"
     )
 
@@ -135,11 +140,10 @@ def _summary(job: Job, ended: Ended) -> str:
 def _keep_picture(virtual: VirtualBoard, picture: Path | None, job: Job) -> None:
     if picture is None:
         return
-    reinking = job.settings.reinking()
-    well_mm = None if reinking is None else reinking.well_mm
-    ink = [line for line in ink_mm(virtual.record(), job.machine.kinematics()) if not _is_dip(line, well_mm)]
+    table = table_of(job)
+    ink = [line for line in ink_mm(virtual.record(), job.machine.kinematics()) if not _is_dip(line, table.well_mm)]
     colors = [stroke.color for layer in job.layers for stroke in layer.strokes]
-    draw_ink(picture, ink, (job.machine.width_mm, job.machine.height_mm), colors=colors if len(colors) == len(ink) else None)
+    draw_ink(picture, ink, table, colors=colors if len(colors) == len(ink) else None)
 
 
 def _is_dip(line: np.ndarray, well_mm: np.ndarray | None) -> bool:

@@ -10,6 +10,8 @@ from typing import Any, TypeVar, cast, get_args
 import click
 import numpy as np
 
+from output.wording import counted
+from plotter.cli.help import HeadedCommand, HeadedOption, Heading
 from plotter.errors import BadInput
 from plotter.svg.drawing import Drawing
 from plotter.svg.options import Budgets, Fills, Hidden, LayerRule, ReadOptions, Text
@@ -41,35 +43,13 @@ def _length(ctx: click.Context, param: click.Parameter, value: str) -> float:
 
 
 def _flags() -> list[Decorator]:
+    def reading(flag: str, name: str, heading: Heading = Heading.READING, **attributes: Any) -> Decorator:
+        return click.option(flag, f"read_{name}", cls=HeadedOption, heading=heading, **attributes)
+
     def choice(flag: str, name: str, kinds: Any, default: str, text: str) -> Decorator:
-        return click.option(
-            flag, f"read_{name}", type=click.Choice(get_args(kinds)), default=default, show_default=True, help=text
-        )
+        return reading(flag, name, type=click.Choice(get_args(kinds)), default=default, show_default=True, help=text)
 
     flags: list[Decorator] = [
-        click.option(
-            "--tolerance-curve",
-            "read_tolerance_mm",
-            callback=_length,
-            metavar="LENGTH",
-            default=f"{_DEFAULT.tolerance_mm:g}mm",
-            show_default=True,
-            help="How far a curve's polyline may lie from the curve; 0.0001mm to 10mm.",
-        ),
-        choice(
-            "--hidden",
-            "hidden",
-            Hidden,
-            _DEFAULT.hidden,
-            "What is not painted: left out; drawn where it merely has no fill and stroke; or all of it, also display:none.",
-        ),
-        choice(
-            "--fills",
-            "fills",
-            Fills,
-            _DEFAULT.fills,
-            "Filled shapes: as outlines; also with the closing line that a fill implies; or left out where only filled.",
-        ),
         choice("--text", "text", Text, _DEFAULT.text, "Text: outlines of its glyphs; single-line strokes; or left out."),
         choice(
             "--layers",
@@ -78,22 +58,46 @@ def _flags() -> list[Decorator]:
             _DEFAULT.layers,
             "What a layer is: Inkscape's layers, else top-level groups (auto); one of these; or one for all.",
         ),
-        click.option("--occlude", "read_occlude", is_flag=True, help="Hide what lies under opaque fills."),
-        click.option("--crop", "read_crop", is_flag=True, help="Cut the drawing at the page's edge."),
-        click.option(
+        choice(
+            "--fills",
+            "fills",
+            Fills,
+            _DEFAULT.fills,
+            "Filled shapes: as outlines; also with the closing line that a fill implies; or left out where only filled.",
+        ),
+        choice(
+            "--hidden",
+            "hidden",
+            Hidden,
+            _DEFAULT.hidden,
+            "What is not painted: left out; drawn where it merely has no fill and stroke; or all of it, also display:none.",
+        ),
+        reading("--occlude", "occlude", is_flag=True, help="Hide what lies under opaque fills."),
+        reading("--crop", "crop", is_flag=True, help="Cut the drawing at the page's edge."),
+        reading(
             "--dpi",
-            "read_px_per_in",
+            "px_per_in",
             type=click.FloatRange(1, 10_000),
             default=_DEFAULT.px_per_in,
             show_default="96",
             help="Pixels per inch: 96 by the standard, 72 for files of old Illustrator.",
         ),
+        reading(
+            "--tolerance-curve",
+            "tolerance_mm",
+            callback=_length,
+            metavar="LENGTH",
+            default=f"{_DEFAULT.tolerance_mm:g}mm",
+            show_default=True,
+            help="How far a curve's polyline may lie from the curve; 0.0001mm to 10mm.",
+        ),
     ]
     for name, (flag, what) in _BUDGET_FLAGS.items():
         flags.append(
-            click.option(
+            reading(
                 flag,
-                f"read_max_{name}",
+                f"max_{name}",
+                Heading.LIMITS,
                 type=click.IntRange(1, 400 if name == "nesting" else None),
                 default=getattr(_DEFAULT.budgets, name),
                 show_default=True,
@@ -130,7 +134,7 @@ def read_file(file: str, options: ReadOptions) -> Drawing:
     return drawing
 
 
-@click.command()
+@click.command(cls=HeadedCommand)
 @click.argument("file", metavar="FILE.svg")
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 @reading_options
@@ -146,14 +150,13 @@ def layers(file: str, as_json: bool, **options: Any) -> None:
     if as_json:
         click.echo(json.dumps({"width_mm": drawing.width_mm, "height_mm": drawing.height_mm, "layers": rows}, indent=2))
         return
-    click.echo(f"page {drawing.width_mm:.2f} x {drawing.height_mm:.2f} mm, {drawing.stroke_count} strokes")
+    click.echo(f"page {drawing.width_mm:.2f} x {drawing.height_mm:.2f} mm, {counted(drawing.stroke_count, 'stroke')}")
     for row in rows:
         states = [state for state in ("hidden", "locked", "documentation", "pause_before") if row[state]]
         notes = f"   {', '.join(states).replace('_', ' ')}" if states else ""
         colors = " ".join(row["colors"][:4]) + (" ..." if len(row["colors"]) > 4 else "")
-        click.echo(
-            f"{row['number']:4}  {row['name']:24} {row['strokes']:8} strokes {row['length_mm']:12.1f} mm   {colors}{notes}"
-        )
+        strokes = counted(row["strokes"], "stroke")
+        click.echo(f"{row['number']:4}  {row['name']:24} {strokes:>16} {row['length_mm']:12.1f} mm   {colors}{notes}")
 
 
 def _rows(drawing: Drawing) -> list[dict[str, Any]]:
@@ -184,7 +187,7 @@ def _rows(drawing: Drawing) -> list[dict[str, Any]]:
     return rows
 
 
-@click.command()
+@click.command(cls=HeadedCommand)
 @click.argument("file", metavar="FILE.svg")
 @click.option("-o", "--output", required=True, metavar="POLY.json", help="Where to write; - writes standard output.")
 @reading_options

@@ -15,6 +15,7 @@ from output.ebb.program import PauseMark, refused_in_a_stream
 from output.ebb.session import connect
 from output.ebb.verify import verify
 from output.ebb.virtual.process import start_virtual_board
+from output.wording import counted
 from plotter.cli.awake import awake
 from plotter.cli.options import SIM
 from plotter.cli.say import notes, passed_over
@@ -72,7 +73,7 @@ def _send_to(
             items = list(_without_pauses(items))
         ended = streamed(board, (line.item for line in items), [report.duration_s])
     finish(ended, f"{file} on {board.port_name}")
-    click.echo(f"sent {file}: {report.commands} commands, {spoken_duration(report.duration_s)} of board time")
+    click.echo(f"sent {file}: {counted(report.commands, 'command')}, {spoken_duration(report.duration_s)} of board time")
 
 
 def _without_pauses(items: list[Line]) -> Iterator[Line]:

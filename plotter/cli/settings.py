@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from plotter.cli.help import HeadedCommand
 from plotter.cli.options import collect, settings_options
 from plotter.machines.profile import load_machine, machine_names
 
@@ -23,7 +24,7 @@ def machines(as_json: bool) -> None:
         click.echo(f"{profile.name:20} {profile.width_mm:g} x {profile.height_mm:g} mm   {profile.title}")
 
 
-@click.command("settings")
+@click.command("settings", cls=HeadedCommand)
 @settings_options
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 def show_settings(as_json: bool, **options: Any) -> None:

@@ -9,6 +9,7 @@ from output.ebb.control import StopFlag, ignore_signals
 from output.ebb.program import Program
 from output.ebb.session import Board, StreamResult
 from output.ebb.stream import Progress
+from output.wording import counted
 from plotter.cli.keys import keys
 from plotter.cli.say import progress_bar
 from plotter.errors import Interrupted, Paused
@@ -54,7 +55,7 @@ def guesses_s(job: Job) -> list[float]:
 
 def finish(ended: Ended, where: str, *, resumable: bool = True) -> None:
     """Raises Paused or Interrupted for a plot that did not come to its end, saying what became of the pen."""
-    result, strokes = ended.result, f"after {ended.total.strokes_done} strokes"
+    result, strokes = ended.result, f"after {counted(ended.total.strokes_done, 'stroke')}"
     if result.outcome == "done":
         return
     if result.outcome == "paused":

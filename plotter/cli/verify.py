@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -14,17 +14,30 @@ from output.ebb.firmware import firmware
 from output.ebb.queue_forecast import LEAD_S
 from output.ebb.verify import Report, verify
 from output.ebb.verify_compare import Comparison, compare
+from output.wording import counted
 from plotter.arrange import Placement
+from plotter.cli.help import HeadedCommand
 from plotter.cli.reading import collect_reading, read_file, reading_options
 from plotter.errors import BadInput
-from plotter.machines.profile import Machine, load_machine
+from plotter.machines.profile import Machine, load_machine, load_quality
+from plotter.settings import Settings
 from plotter.svg.options import ReadOptions
-from plotter.units import spoken_duration
+from plotter.units import length_mm, spoken_duration
 
 DEFAULT_MACHINE, DEFAULT_FIRMWARE = "axidraw-v3", "3.0.3"
 
 
-@click.command("verify")
+def _distance(ctx: click.Context, param: click.Parameter, value: str | None) -> float | None:
+    try:
+        distance_mm = None if value is None else length_mm(value)
+    except ValueError as error:
+        raise click.BadParameter(str(error), ctx, param) from None
+    if distance_mm is not None and distance_mm <= 0:
+        raise click.BadParameter(f"{value} is not more than 0; give a length like 0.05mm", ctx, param)
+    return distance_mm
+
+
+@click.command("verify", cls=HeadedCommand)
 @click.argument("file", metavar="COMMANDS")
 @click.option(
     "--machine", "machine_name", metavar="MACHINE", help="Machine, when the file's head names none or another is meant."
@@ -35,7 +48,17 @@ DEFAULT_MACHINE, DEFAULT_FIRMWARE = "axidraw-v3", "3.0.3"
 @click.option(
     "--strokes", "strokes_file", type=click.Path(path_type=Path, dir_okay=False), help="Write pen-down polylines (JSON)."
 )
-@click.option("--against", metavar="FILE.svg", help="Also compare what would be drawn with this drawing, both ways.")
+@click.option(
+    "--against", metavar="FILE.svg", help="Also compare what would be drawn with this drawing, both ways: it must be the same."
+)
+@click.option(
+    "--within",
+    "within_mm",
+    callback=_distance,
+    metavar="LENGTH",
+    help="How far ink and drawing may be from each other. Default: the tolerance in the file's head and the motor steps that "
+    "its commands need, 1.4 (T3), 2.5 (LT, LM) or 4 (SM, XM); for ink where there is no line, half of the join length more.",
+)
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 @reading_options
 def verify_file(
@@ -44,6 +67,7 @@ def verify_file(
     version: str | None,
     strokes_file: Path | None,
     against: str | None,
+    within_mm: float | None,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -51,8 +75,11 @@ def verify_file(
 
     \b
     plotter verify drawing.ebb
+    plotter verify drawing.ebb --against drawing.svg
     plotter verify drawing.ebb --json --strokes ink.json
     """
+    if within_mm is not None and against is None:
+        raise BadInput("--within says how far from a drawing: give the drawing with --against")
     faults: list[str] = []
     try:
         header, lines = read_command_file(file, faults)
@@ -70,13 +97,18 @@ def verify_file(
         report.warnings.append(f"the file names no firmware: {DEFAULT_FIRMWARE} is taken; give --firmware for another")
     if strokes_file is not None:
         _write_strokes(strokes_file, report, header, machine)
-    values = {"file": file, "machine": machine.name, **report.as_dict()}
-    text = _said(file, report)
+    compared: dict[str, Any] = {}
     if against is not None:
         comparison = _compared(report, against, _placement(header), collect_reading(options))
-        values["against"] = {"drawing": against, **comparison.as_dict()}
-        text += "\n" + _comparison_said(against, comparison)
-    click.echo(json.dumps(_rounded(values), indent=2) if as_json else text)
+        allowed = _Allowed(within_mm, within_mm) if within_mm else _allowed(header, report, machine, comparison)
+        report.problems += _beyond(comparison, against, allowed)
+        compared = {"against": {"drawing": against, **comparison.as_dict(), "allowed": allowed._asdict()}}
+    if as_json:
+        click.echo(json.dumps(_rounded({"file": file, "machine": machine.name, **report.as_dict(), **compared}), indent=2))
+    else:
+        click.echo(_said(file, report))
+        if against is not None:
+            click.echo(_comparison_said(against, comparison, allowed))
     if not report.sendable:
         raise BadInput(f"{file} should not be sent: {report.problems[0]}" + _more(report.problems))
 
@@ -85,7 +117,7 @@ def head_faults(header: dict[str, str], report: Report) -> list[str]:
     """What the head of a command file says of it and is not so: it was cut short, or changed by hand."""
     said = header.get("commands", "")
     if said.isdigit() and int(said) != report.commands:
-        wrong = f"its head says {said} commands, it holds {report.commands}"
+        wrong = f"its head says {counted(int(said), 'command')}, it holds {report.commands}"
         return [f"{wrong}: it was cut short or changed; export it again, or correct its head"]
     return []
 
@@ -98,6 +130,56 @@ def _compared(report: Report, drawing: str, placement: Placement, reading: ReadO
     return compare(report.strokes, [placement.apply(points) for points in wanted])
 
 
+class _Allowed(NamedTuple):
+    """How far (mm) ink may lie off the drawing, and the drawing off the ink."""
+
+    drawn_mm: float
+    wanted_mm: float
+
+
+def _allowed(header: dict[str, str], report: Report, machine: Machine, comparison: Comparison) -> _Allowed:
+    """How far an export of ours may be from its drawing, by what its head says and what its commands can do.
+
+    The plan keeps to the tolerance, and leaves out lines that lie on others. The encoder may be off the plan by what its sizing
+    says, and both motors by a step for rounding; positions are compared between samples. There is more ink in the straight
+    links that join strokes, of which no point is further from an end than half the link.
+    """
+    from output.ebb.encode_families import Sizing
+    from planning.ordering.crowds import SAME_LINE_MM
+
+    sizing = Sizing()
+    off = {"jerk": sizing.merge_steps, "acceleration": sizing.lt_steps * sizing.worst_steps}
+    steps = 1.0 + off.get(report.constant, sizing.sm_steps * sizing.worst_steps)
+    to_mm = np.linalg.inv(machine.kinematics().steps_per_mm)
+    step_mm = max(float(np.hypot(*(to_mm @ signs))) for signs in ((1.0, 1.0), (1.0, -1.0)))
+    plan_mm = _in_head(header, "tolerance", load_quality("normal").tolerance_mm) + SAME_LINE_MM
+    wanted_mm = plan_mm + steps * step_mm + comparison.sample_mm / 2
+    return _Allowed(wanted_mm + _in_head(header, "join", float(Settings.model_fields["join"].default)) / 2, wanted_mm)
+
+
+def _in_head(header: dict[str, str], key: str, otherwise: float) -> float:
+    """A setting in millimetres that the file was made with; `otherwise` when its head does not say it."""
+    said = dict(word.split("=", 1) for word in header.get("settings", "").split() if "=" in word).get(key)
+    if said is None:
+        return otherwise
+    try:
+        return max(0.0, float(said))
+    except ValueError:
+        raise BadInput(f"the command file's head is damaged: {key} is {said!r}; export the drawing again") from None
+
+
+def _beyond(comparison: Comparison, drawing: str, allowed: _Allowed) -> list[str]:
+    """Whether ink lies where there is no line, or a line has no ink."""
+    return [
+        f"{what} by {way.max_mm:.4f} mm, allowed is {most_mm:.4f} mm: export the drawing again, or allow more (--within)"
+        for what, way, most_mm in (
+            (f"ink lies off {drawing}", comparison.drawn, allowed.drawn_mm),
+            (f"lines of {drawing} lie off the ink", comparison.wanted, allowed.wanted_mm),
+        )
+        if way.max_mm > most_mm
+    ]
+
+
 def _placement(header: dict[str, str]) -> Placement:
     """Where the file's head says that the page lies on the machine: at home, unturned, when it says nothing."""
     try:
@@ -106,15 +188,19 @@ def _placement(header: dict[str, str]) -> Placement:
         raise BadInput(f"the command file's head is damaged: {error}; export the drawing again") from None
 
 
-def _comparison_said(drawing: str, comparison: Comparison) -> str:
+def _comparison_said(drawing: str, comparison: Comparison, allowed: _Allowed) -> str:
     lines = [f"  against {drawing}, sampled every {comparison.sample_mm:.3f} mm"]
-    for name, way in (("ink off the drawing", comparison.drawn), ("drawing off the ink", comparison.wanted)):
-        lines.append(f"    {name}: mean {way.mean_mm:.4f} mm, 99 % {way.p99_mm:.4f} mm, greatest {way.max_mm:.4f} mm")
+    for name, way, most_mm in (
+        ("ink off the drawing", comparison.drawn, allowed.drawn_mm),
+        ("drawing off the ink", comparison.wanted, allowed.wanted_mm),
+    ):
+        greatest = f"greatest {way.max_mm:.4f} mm of {most_mm:.4f} mm allowed"
+        lines.append(f"    {name}: mean {way.mean_mm:.4f} mm, 99 % {way.p99_mm:.4f} mm, {greatest}")
     return "\n".join(lines)
 
 
 def _more(problems: list[str]) -> str:
-    return f" (and {len(problems) - 1} more problems)" if len(problems) > 1 else ""
+    return f" (and {counted(len(problems) - 1, 'more problem')})" if len(problems) > 1 else ""
 
 
 def _write_strokes(path: Path, report: Report, header: dict[str, str], machine: Machine) -> None:
@@ -143,13 +229,23 @@ def _lead(report: Report) -> str:
     return said if report.lowest_lead_s >= LEAD_S else f"{said} (1 s is wanted, the motion is too dense there)"
 
 
+def _highest(report: Report) -> str:
+    """Speed, and what of acceleration and jerk the commands have: those of the others go from one to the next in jumps."""
+    speed, acceleration = f"{report.max_speed_mm_s:.1f} mm/s", f"{report.max_acceleration_mm_s2:.0f} mm/s2"
+    if report.constant == "speed":
+        return f"{speed} (commands of constant speed: no acceleration, no jerk)"
+    if report.constant == "acceleration":
+        return f"{speed}, {acceleration} (commands of constant acceleration: no jerk)"
+    return f"{speed}, {acceleration}, {report.max_jerk_mm_s3:.0f} mm/s3"
+
+
 def _said(file: str, report: Report) -> str:
     lines = [
-        f"{file}: {report.commands} commands for firmware {report.firmware}",
+        f"{file}: {counted(report.commands, 'command')} for firmware {report.firmware}",
         f"  duration       {spoken_duration(report.duration_s)}",
-        f"  pen down       {report.pen_down_mm / 1000:.3f} m in {len(report.strokes)} strokes, {report.pen_lifts} lifts",
-        f"  highest        {report.max_speed_mm_s:.1f} mm/s, {report.max_acceleration_mm_s2:.0f} mm/s2,"
-        f" {report.max_jerk_mm_s3:.0f} mm/s3; jump of speed {report.max_velocity_jump_mm_s:.3f} mm/s",
+        f"  pen down       {report.pen_down_mm / 1000:.3f} m in {counted(len(report.strokes), 'stroke')},"
+        f" {counted(report.pen_lifts, 'lift')}",
+        f"  highest        {_highest(report)}; jump of speed {report.max_velocity_jump_mm_s:.3f} mm/s",
         f"  ends at        {report.final_steps[0]}, {report.final_steps[1]} steps"
         f" ({report.final_position_mm[0]:.3f}, {report.final_position_mm[1]:.3f} mm)",
     ]
@@ -157,7 +253,7 @@ def _said(file: str, report: Report) -> str:
         left, top, right, bottom = report.bounds_mm
         lines.append(f"  drawn area     x {left:.1f} to {right:.1f} mm, y {top:.1f} to {bottom:.1f} mm")
     if report.lowest_lead_s is not None:
-        lines.append(f"  lowest lead    {_lead(report)}, {report.predicted_underruns} predicted underruns")
+        lines.append(f"  lowest lead    {_lead(report)}, {counted(report.predicted_underruns, 'predicted underrun')}")
     lines += [f"  warning: {warning}" for warning in report.warnings]
     lines += [f"  problem: {problem}" for problem in report.problems]
     return "\n".join(lines)

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from output.wording import counted
 from planning.geometry.stroke import Points
 from planning.motion.plan import Action
 from plotter.errors import BadInput
 from plotter.preview.raster import write_png
 from plotter.preview.sheet import TRAVEL_COLOR, Sheet
+from plotter.preview.table import Table
 from plotter.preview.trace import PALETTE, Line, Trace, thin_polyline, trace, visible
 from plotter.preview.vector import write_svg
 
@@ -22,16 +24,16 @@ MARGIN_MM = 5.0
 def draw_picture(
     path: Path,
     actions: Iterable[Action],
-    page_mm: tuple[float, float],
+    table: Table,
     *,
     bounds_mm: tuple[float, float, float, float] | None = None,
     dpi: float = 150.0,
     layer_colors: Mapping[int, str | None] | None = None,
     stroke_colors: Sequence[str | None] | None = None,
 ) -> None:
-    """Draws where the pen goes: down in colour, up thin and pale, on the machine's page `page_mm` (width, height).
+    """Draws where the pen goes: down in colour, up thin and pale, on the machine's `table`.
 
-    `actions` is read once. `bounds_mm` (left, top, right, bottom) widens the picture beyond the page and the pen's way.
+    `actions` is read once. `bounds_mm` (left, top, right, bottom) widens the picture beyond the table and the pen's way.
     `layer_colors` is by layer number, `stroke_colors` by stroke index, `#rrggbb` each; a stroke's goes before its layer's, and
     where both are None a palette's is taken.
     `dpi` is for .png, and less on a page where it would make more than 36 million pixels.
@@ -44,22 +46,21 @@ def draw_picture(
     colors: dict[int, str] = {}
     for line in seen.ink:
         colors.setdefault(line.layer, line.color)
-    legend: list[tuple[str, str | None]] = [(f"page {_mm(page_mm[0])} x {_mm(page_mm[1])} mm", None)]
-    legend += [(seen.layers.get(number) or "pen down", color) for number, color in colors.items()]
-    legend += [(f"pen down {seen.down_mm / 1000:.2f} m in {len(seen.ink)} strokes", None)]
+    legend: list[tuple[str, str | None]] = [(seen.layers.get(number) or "pen down", color) for number, color in colors.items()]
+    legend += [(f"pen down {seen.down_mm / 1000:.2f} m in {counted(len(seen.ink), 'stroke')}", None)]
     legend += [(f"pen up {seen.up_mm / 1000:.2f} m", TRAVEL_COLOR)]
-    _write(path, write, seen, page_mm, bounds_mm, tuple(legend))
+    _write(path, write, seen, table, bounds_mm, legend)
 
 
 def draw_ink(
     path: Path,
     strokes_mm: Iterable[Points],
-    page_mm: tuple[float, float],
+    table: Table,
     *,
     dpi: float = 150.0,
     colors: Sequence[str | None] | None = None,
 ) -> None:
-    """Draws pen-down polylines (n, 2), such as a virtual board's record of its ink, on the page `page_mm` (width, height).
+    """Draws pen-down polylines (n, 2), such as a virtual board's record of its ink, on the machine's `table`.
 
     `colors` is by stroke; None is black. Empty polylines are left out. Raises BadInput as `draw_picture` does.
     """
@@ -69,9 +70,8 @@ def draw_ink(
         if len(points):
             own = colors[index] if colors and index < len(colors) else None
             seen.ink.append(Line(thin_polyline(points, TOLERANCE_MM), visible(own or PALETTE[0]), 0))
-    page = f"page {_mm(page_mm[0])} x {_mm(page_mm[1])} mm"
-    drawn = f"ink {seen.down_mm / 1000:.2f} m in {len(seen.ink)} strokes"
-    _write(path, write, seen, page_mm, None, ((page, None), (drawn, None)))
+    drawn = f"ink {seen.down_mm / 1000:.2f} m in {counted(len(seen.ink), 'stroke')}"
+    _write(path, write, seen, table, None, [(drawn, None)])
 
 
 Writer = Callable[[Path, Trace, Sheet], None]
@@ -92,24 +92,25 @@ def _write(
     path: Path,
     write: Writer,
     seen: Trace,
-    page_mm: tuple[float, float],
+    table: Table,
     bounds_mm: tuple[float, float, float, float] | None,
-    legend: tuple[tuple[str, str | None], ...],
+    legend: list[tuple[str, str | None]],
 ) -> None:
-    corners = [np.zeros(2), np.array(page_mm, dtype=np.float64)]
+    outlines, corners = table.outlines(), list(table.seen_mm())
     if bounds_mm is not None:
         corners += [np.array(bounds_mm[:2]), np.array(bounds_mm[2:])]
     boxes = [line.points_mm for line in seen.ink] + seen.travels
     corners += [points.min(axis=0) for points in boxes] + [points.max(axis=0) for points in boxes]
     (left, top), (right, bottom) = np.min(corners, axis=0), np.max(corners, axis=0)
     sheet = Sheet(
-        float(left) - MARGIN_MM, float(top) - MARGIN_MM, float(right) + MARGIN_MM, float(bottom) + MARGIN_MM, page_mm, legend
+        float(left) - MARGIN_MM,
+        float(top) - MARGIN_MM,
+        float(right) + MARGIN_MM,
+        float(bottom) + MARGIN_MM,
+        outlines,
+        (*((outline.label, outline.color) for outline in outlines), *legend),
     )
     try:
         write(path, seen, sheet)
     except OSError as error:
         raise BadInput(f"the picture {path} cannot be written: {error.strerror or error}; give another place") from error
-
-
-def _mm(value: float) -> str:
-    return f"{value:.1f}".removesuffix(".0")

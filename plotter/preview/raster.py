@@ -13,8 +13,7 @@ from planning.geometry.stroke import Points
 from plotter.preview.sheet import (
     INK_WIDTH_MM,
     LEGEND_HEIGHT_MM,
-    PAGE_EDGE_COLOR,
-    PAGE_EDGE_WIDTH_MM,
+    OUTLINE_WIDTH_MM,
     TEXT_COLOR,
     TRAVEL_COLOR,
     TRAVEL_WIDTH_MM,
@@ -43,8 +42,8 @@ def write_png(path: Path, seen: Trace, sheet: Sheet, dpi: float) -> None:
 
 
 def _draw_lines(band: _Band, seen: Trace, sheet: Sheet) -> None:
-    w, h = sheet.page_mm
-    band.line(np.array([[0, 0], [w, 0], [w, h], [0, h], [0, 0]], dtype=np.float64), PAGE_EDGE_COLOR, PAGE_EDGE_WIDTH_MM)
+    for outline in sheet.outlines:
+        band.line(outline.points_mm, outline.color, OUTLINE_WIDTH_MM)
     for points in seen.travels:
         band.line(points, TRAVEL_COLOR, TRAVEL_WIDTH_MM)
     for line in seen.ink:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+from plotter.preview.table import Outline
 
 TRAVEL_COLOR = "#dd8aa3"
 TRAVEL_WIDTH_MM = 0.12
 INK_WIDTH_MM = 0.3
-PAGE_EDGE_COLOR = "#c8c8c8"
-PAGE_EDGE_WIDTH_MM = 0.15
+OUTLINE_WIDTH_MM = 0.2
 LEGEND_HEIGHT_MM = 8.0
 TEXT_HEIGHT_MM = 3.2
 TEXT_COLOR = "#555555"
@@ -16,7 +18,7 @@ TEXT_COLOR = "#555555"
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """Machine millimetres from `left, top` to `right, bottom`, with the machine's page inside and a legend below.
+    """Machine millimetres from `left, top` to `right, bottom`, with what lies on the table under the ink and a legend below.
 
     `legend` is texts, each with the colour of the swatch before it, or None.
     """
@@ -25,7 +27,7 @@ class Sheet:
     top: float
     right: float
     bottom: float
-    page_mm: tuple[float, float]
+    outlines: Sequence[Outline]
     legend: tuple[tuple[str, str | None], ...]
 
     @property

@@ -11,8 +11,7 @@ from planning.geometry.stroke import Points
 from plotter.preview.sheet import (
     INK_WIDTH_MM,
     LEGEND_HEIGHT_MM,
-    PAGE_EDGE_COLOR,
-    PAGE_EDGE_WIDTH_MM,
+    OUTLINE_WIDTH_MM,
     TEXT_COLOR,
     TRAVEL_COLOR,
     TRAVEL_WIDTH_MM,
@@ -35,8 +34,9 @@ def _document(seen: Trace, sheet: Sheet) -> Iterator[str]:
     yield '<svg xmlns="http://www.w3.org/2000/svg" xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape" '
     yield f'version="1.1" {size} {box}>\n'
     yield f'<rect x="{sheet.left:.3f}" y="{sheet.top:.3f}" width="100%" height="100%" fill="#ffffff"/>\n'
-    yield f'<rect class="page" width="{sheet.page_mm[0]:g}" height="{sheet.page_mm[1]:g}" fill="none" '
-    yield f'stroke="{PAGE_EDGE_COLOR}" stroke-width="{PAGE_EDGE_WIDTH_MM}"/>\n'
+    for outline in sheet.outlines:
+        yield f'<polyline class="{outline.kind}" points={_points(outline.points_mm)} fill="none" stroke="{outline.color}" '
+        yield f'stroke-width="{OUTLINE_WIDTH_MM}"/>\n'
     yield _group("travel", "pen up", TRAVEL_COLOR, TRAVEL_WIDTH_MM)
     for points in seen.travels:
         yield f"<polyline points={_points(points)}/>\n"

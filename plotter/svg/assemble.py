@@ -7,6 +7,7 @@ from itertools import groupby
 
 import numpy as np
 
+from output.wording import counted
 from planning.geometry.stroke import Stroke
 from plotter.errors import BadInput
 from plotter.svg.clip import Clip, apply_clips, clipped_area
@@ -91,7 +92,9 @@ class Assembly:
         self._dash_count += sum(dash_count(float(position[-1]), pattern) for position in positions)
         budget = self._options.budgets.dashes
         if self._dash_count > budget:
-            raise BadInput(f"the drawing has more than {budget} dashes; raise --max-dashes, or make the dashes longer")
+            raise BadInput(
+                f"the drawing has more than {counted(budget, 'dash', 'dashes')}; raise --max-dashes, or make the dashes longer"
+            )
         dots = shape.style.inherited.get("stroke-linecap", "butt") != "butt"
         return [
             part

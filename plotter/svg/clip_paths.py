@@ -67,19 +67,22 @@ class ClipPaths:
             return None
         match = _URL.match(value)
         if match is None:
-            self._walk.notes.add("{count} clip-path shapes other than url(#...) were ignored ({names})", value[:40])
+            self._walk.notes.add(
+                "{count} clip-path [shape|shapes] other than url(#...) [was|were] ignored ({names})", value[:40]
+            )
             return None
         found = self._walk.by_id(match[1])
         if found is None or self._walk.kind(found.tag) != "clipPath":
             self._walk.notes.add(
-                "{count} clip paths are not there and were ignored ({names})", f"#{match[1]} of {self._walk.name(element)}"
+                "{count} clip [path is|paths are] not there and ignored ({names})",
+                f"#{match[1]} of {self._walk.name(element)}",
             )
             return None
         return found
 
     def _clip(self, element: Any, matrix: Matrix, box: Callable[[], Box | None], context: Context) -> Clip | None:
         if any(element is one for one in self._open):
-            self._walk.notes.add("{count} clip paths refer to themselves and were ignored")
+            self._walk.notes.add("{count} clip [path refers to itself and was|paths refer to themselves and were] ignored")
             return None
         if len(self._open) >= _DEEPEST:
             name = self._walk.name(element)

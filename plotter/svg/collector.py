@@ -107,7 +107,8 @@ class Collector:
         commands, damage = _commands(batch, first)
         for shape, what in damage.items():
             self._notes.add(
-                "{count} paths are damaged and were drawn up to the damage ({names})", f"{self._name_of(first + shape)}: {what}"
+                "{count} [path is|paths are] damaged and drawn up to the damage ({names})",
+                f"{self._name_of(first + shape)}: {what}",
             )
         self._check_finite(commands, first)
         with np.errstate(over="ignore", invalid="ignore"):

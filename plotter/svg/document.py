@@ -9,6 +9,7 @@ from typing import Any
 
 from lxml import etree
 
+from output.wording import counted
 from plotter.errors import BadInput
 from plotter.svg.notes import Notes
 from plotter.svg.options import Budgets
@@ -68,7 +69,7 @@ def parse_document(data: bytes, name: str, budgets: Budgets, notes: Notes) -> An
 def _unpack(data: bytes, name: str, budgets: Budgets) -> bytes:
     limit = budgets.document_bytes
     if len(data) > limit:
-        raise BadInput(f"{name} has {len(data)} bytes and the limit is {limit}; raise --max-bytes if it is meant")
+        raise BadInput(f"{name} has {counted(len(data), 'byte')} and the limit is {limit}; raise --max-bytes if it is meant")
     if not data.startswith(_GZIP):
         return data
     parts: list[bytes] = []
@@ -84,7 +85,7 @@ def _unpack(data: bytes, name: str, budgets: Budgets) -> bytes:
                 parts.append(part)
                 total += len(part)
                 if total > limit:
-                    raise BadInput(f"{name} unpacks to more than {limit} bytes; raise --max-bytes if it is meant")
+                    raise BadInput(f"{name} unpacks to more than {counted(limit, 'byte')}; raise --max-bytes if it is meant")
         except zlib.error as error:
             raise BadInput(f"{name} is a damaged gzip file ({error}); pack or copy it again") from None
         data = unpacker.unused_data

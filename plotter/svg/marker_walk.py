@@ -65,7 +65,8 @@ class Markers:
         found = self._walk.by_id(match[1])
         if found is None or self._walk.kind(found.tag) != "marker":
             self._walk.notes.add(
-                "{count} markers are not there and were ignored ({names})", f"#{match[1]} of {self._walk.name(element)}"
+                "{count} [marker is|markers are] not there and ignored ({names})",
+                f"#{match[1]} of {self._walk.name(element)}",
             )
             return None
         return found
@@ -73,7 +74,7 @@ class Markers:
     def _one(self, marker: Any, stop: Vertex, context: Context, *, start: bool) -> None:
         walk = self._walk
         if any(marker is one for one in context.uses):
-            walk.notes.add("{count} markers refer to themselves and were left out")
+            walk.notes.add("{count} [marker refers to itself and was|markers refer to themselves and were] left out")
             return
         walk.count_marker()
         style = walk.style_in_place(marker)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from output.wording import agreeing
+
 _MOST_NAMES = 3
 
 
 class Notes:
-    """Collects notes while reading. A template may hold `{count}` and `{names}`; each template is said once."""
+    """Collects notes while reading. A template may hold `{count}`, `{names}` and `[is|are]` (`agreeing`); each is said once."""
 
     def __init__(self) -> None:
         self._count: dict[str, int] = {}
@@ -24,4 +26,5 @@ class Notes:
     def _sentence(self, template: str) -> str:
         names = self._names[template]
         shown = ", ".join(names[:_MOST_NAMES]) + (", ..." if len(names) > _MOST_NAMES else "")
-        return template.replace("{count}", str(self._count[template])).replace("{names}", shown)
+        count = self._count[template]
+        return agreeing(template, count).replace("{count}", str(count)).replace("{names}", shown)

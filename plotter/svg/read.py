@@ -9,6 +9,7 @@ from typing import Any
 from planning.geometry.stroke import Layer, Stroke
 from plotter.errors import BadInput
 from plotter.svg.assemble import Assembly
+from plotter.svg.blame import not_finite
 from plotter.svg.document import parse_document
 from plotter.svg.drawing import Drawing, LayerFacts
 from plotter.svg.layers import FileLayer, Layering
@@ -37,8 +38,6 @@ def read_drawing(source: Path | bytes, options: ReadOptions | None = None) -> Dr
     sys.setrecursionlimit(max(usual, _FRAMES))
     try:
         return _read(source, options)
-    except NotFinite as error:
-        raise BadInput(f"{_name(source)} has the value {str(error)!r}, which is not finite; correct it") from None
     except RecursionError:
         raise BadInput(
             f"{_name(source)} is nested too deeply somewhere (style sheet, text or clip paths); simplify it"
@@ -53,6 +52,13 @@ def _read(source: Path | bytes, options: ReadOptions) -> Drawing:
     cascade = Cascade(Stylesheet(root, _style_texts(root), notes, options.budgets.selector_tests))
     layering = Layering(root, options.layers, notes)
     walk = Walk(root, cascade, layering, options, notes)
+    try:
+        return _drawing(walk, layering, options, notes)
+    except NotFinite as error:  # of an element that the walk was not at: the root's own, or a text's
+        raise not_finite(walk, str(error)) from None
+
+
+def _drawing(walk: Walk, layering: Layering, options: ReadOptions, notes: Notes) -> Drawing:
     walk.run()
     draw_texts(walk)
     made = walk.collector.finish()

@@ -12,6 +12,7 @@ from typing import Any
 import cssselect2
 import tinycss2
 
+from output.wording import counted
 from plotter.errors import BadInput
 from plotter.svg.notes import Notes
 
@@ -66,7 +67,7 @@ class Stylesheet:
                 if media in ("", "all", "screen", "print"):
                     self._read(tinycss2.parse_rule_list(rule.content, skip_comments=True, skip_whitespace=True))
             elif rule.type == "at-rule" and rule.lower_at_keyword == "import":
-                self._notes.add("{count} @import rules were not followed: nothing outside the file is read")
+                self._notes.add("{count} @import [rule was|rules were] not followed: nothing outside the file is read")
 
     def _rule(self, rule: Any) -> None:
         declarations = tuple(_declarations(rule.content))
@@ -102,7 +103,8 @@ class Stylesheet:
                     self._complex.append(_Rule((selector.specificity, self._order), declarations, selector=selector))
         except cssselect2.SelectorError:
             self._notes.add(
-                "{count} style rules have a selector that was not understood ({names}) and were left out", text[:40]
+                "{count} style [rule has|rules have] a selector that was not understood ({names}) and [was|were] left out",
+                text[:40],
             )
 
     def matched(self, element: Any, kind: str) -> tuple[_Rule, ...]:
@@ -142,7 +144,7 @@ class Stylesheet:
         self._tests_left -= tests
         if self._tests_left < 0:
             raise BadInput(
-                f"the style sheets need more than {self._test_budget} tests of a selector on an element; "
+                f"the style sheets need more than {counted(self._test_budget, 'test')} of a selector on an element; "
                 "simplify them or raise --max-selector-tests"
             )
 

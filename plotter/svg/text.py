@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from lxml import etree
 
+from output.wording import counted
 from plotter.errors import BadInput
 from plotter.svg import font_engine, text_single
 from plotter.svg.collector import Shape
@@ -69,7 +70,7 @@ def draw_texts(walk: Walk) -> None:
     limit = walk.options.budgets.characters
     if characters > limit:
         raise BadInput(
-            f"the drawing has {characters} characters of text and the limit is {limit}; "
+            f"the drawing has {counted(characters, 'character')} of text and the limit is {limit}; "
             "raise --max-characters, or leave text out with --text skip"
         )
     if texts and walk.options.text == "single":
@@ -77,7 +78,8 @@ def draw_texts(walk: Walk) -> None:
             text_single.draw_single(walk, texts)
         else:
             walk.notes.add(
-                "{count} texts were left out: single-line strokes need a font (pip install Hershey-Fonts)", count=len(texts)
+                "{count} [text was|texts were] left out: single-line strokes need a font (pip install Hershey-Fonts)",
+                count=len(texts),
             )
     elif texts:
         _draw_outlines(walk, texts)
@@ -86,7 +88,7 @@ def draw_texts(walk: Walk) -> None:
 def _draw_outlines(walk: Walk, texts: list[PendingText]) -> None:
     if not font_engine.available():
         walk.notes.add(
-            "{count} texts were left out: outlines need a font engine (pip install 'plotter[text]'); "
+            "{count} [text was|texts were] left out: outlines need a font engine (pip install 'plotter[text]'); "
             "--text single draws strokes",
             count=len(texts),
         )
@@ -95,7 +97,8 @@ def _draw_outlines(walk: Walk, texts: list[PendingText]) -> None:
         _Outlines(walk, font_engine.families()).draw(texts)
     except font_engine.FontEngineFailed as error:
         walk.notes.add(
-            f"{{count}} texts were left out: the font engine failed ({error}); --text single draws strokes", count=len(texts)
+            f"{{count}} [text was|texts were] left out: the font engine failed ({error}); --text single draws strokes",
+            count=len(texts),
         )
 
 
@@ -110,7 +113,7 @@ class _Outlines:
     def draw(self, texts: list[PendingText]) -> None:
         if not self._families:
             self._walk.notes.add(
-                "{count} texts were left out: no font is installed; --text single draws strokes", count=len(texts)
+                "{count} [text was|texts were] left out: no font is installed; --text single draws strokes", count=len(texts)
             )
             return
         frame = texts[0].context.frame

@@ -53,10 +53,11 @@ def draw_single(walk: Walk, texts: list[PendingText]) -> None:
                 continue
             if not _drawable(placed.character):
                 walk.notes.add(
-                    "{count} characters are not in the single-line font and were left out ({names})", placed.character
+                    "{count} [character is|characters are] not in the single-line font and left out ({names})",
+                    placed.character,
                 )
             _draw(walk, pending, placed)
-    walk.notes.add(f"{{count}} texts were drawn as single-line strokes in Hershey {FONT}", count=len(texts))
+    walk.notes.add(f"{{count}} [text was|texts were] drawn as single-line strokes in Hershey {FONT}", count=len(texts))
 
 
 def _advance(character: str, _following: str, style: Style) -> float:

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from output.wording import counted
 from plotter.errors import BadInput
+from plotter.svg.blame import not_finite
 from plotter.svg.clip import Clip
 from plotter.svg.clip_paths import ClipPaths
 from plotter.svg.collector import Collector, Shape, Spent
@@ -141,10 +143,8 @@ class Walk:
     def view_box(self, element: Any) -> Any:
         try:
             return parse_view_box(element.get("viewBox"))
-        except NotFinite:
-            raise BadInput(
-                f"{self.name(element)} has viewBox={element.get('viewBox')!r}, which is not finite; correct it"
-            ) from None
+        except NotFinite as error:
+            raise not_finite(self, str(error), element) from None
 
     # ---- elements
 
@@ -153,7 +153,7 @@ class Walk:
             try:
                 self.element(child, context)
             except NotFinite as error:
-                raise BadInput(f"{self.name(child)} has the value {str(error)!r}, which is not finite; correct it") from None
+                raise not_finite(self, str(error), child) from None
 
     def element(self, element: Any, context: Context) -> None:
         tag = element.tag
@@ -165,7 +165,7 @@ class Walk:
         self._element_count += 1
         if self._element_count > self.options.budgets.elements:
             raise BadInput(
-                f"the drawing has more than {self.options.budgets.elements} elements, counting each <use>; "
+                f"the drawing has more than {counted(self.options.budgets.elements, 'element')}, counting each <use>; "
                 "raise --max-elements if it is meant"
             )
         items = element.items()
@@ -173,7 +173,7 @@ class Walk:
         if not style.displayed and self.options.hidden != "all":
             if kind in _CONTAINERS:
                 self.layering.enter(element, context.level + 1, context.layer, hidden=True)
-            self.notes.add("{count} elements are hidden (display:none) and were left out; --hidden all draws them")
+            self.notes.add("{count} [element is|elements are] hidden (display:none) and left out; --hidden all draws [it|them]")
             return
         attributes = dict(items)
         matrix = context.matrix
@@ -183,7 +183,7 @@ class Walk:
                 own = IDENTITY
             matrix = multiply(matrix, own)
             if is_singular(matrix):
-                self.notes.add("{count} elements have a transform that leaves them no area and were left out")
+                self.notes.add("{count} [element has|elements have] a transform that leaves no area and [was|were] left out")
                 return
         clips = context.clips
         if style.own and not self._gathering:
@@ -196,8 +196,8 @@ class Walk:
             return
         if context.level >= self.options.budgets.nesting:
             raise BadInput(
-                f"{self.name(element)} is nested deeper than {self.options.budgets.nesting} levels, counting each <use>; "
-                "raise --max-nesting (at most 400) or flatten its groups"
+                f"{self.name(element)} is nested deeper than {counted(self.options.budgets.nesting, 'level')}, counting "
+                "each <use>; raise --max-nesting (at most 400) or flatten its groups"
             )
         frame = context.frame if style.font_px == context.frame.font_px else replace(context.frame, font_px=style.font_px)
         inner = Context(matrix, style, frame, context.layer, clips, context.level + 1, context.uses)
@@ -216,7 +216,7 @@ class Walk:
                 inner = replace(inner, layer=self.layering.enter(element, inner.level, None, hidden=False))
                 if inner.layer is not None and self.layering.layers[inner.layer].is_documentation:
                     self.notes.add(
-                        "{count} layers are documentation (their names begin with %) and were left out: {names}",
+                        "{count} [layer is|layers are] documentation (named with a % in front) and left out: {names}",
                         self.layering.layers[inner.layer].name,
                     )
                     return
@@ -228,13 +228,13 @@ class Walk:
         elif kind == "switch":
             self._switch(element, inner)
         elif kind == "image":
-            self.notes.add("{count} images were left out: a pen draws no pixels")
+            self.notes.add("{count} [image was|images were] left out: a pen draws no pixels")
         elif kind == "foreignObject":
-            self.notes.add("{count} foreignObject elements (HTML inside the drawing) were left out")
+            self.notes.add("{count} foreignObject [element|elements] (HTML inside the drawing) [was|were] left out")
         elif kind == "text":
             self._text(element, inner)
         else:
-            self.notes.add("{count} unknown elements were left out ({names})", f"<{kind}>")
+            self.notes.add("{count} unknown [element was|elements were] left out ({names})", f"<{kind}>")
 
     def _switch(self, element: Any, inner: Context) -> None:
         """The first child whose conditions hold (SVG 2, 5.9)."""
@@ -254,9 +254,12 @@ class Walk:
         """Says what of an element's effects cannot be drawn; False where it is wholly transparent and so not drawn at all."""
         own = style.own
         if own.get("opacity") in ("0", "0%", "0.0") and kind in _CONTAINERS and self.options.hidden != "all":
-            self.notes.add("{count} groups are wholly transparent and were left out; --hidden all draws them")
+            self.notes.add("{count} [group is|groups are] wholly transparent and left out; --hidden all draws [it|them]")
             return False
-        for effect, what in (("mask", "masks were ignored: what they hide is drawn"), ("filter", "filters were ignored")):
+        for effect, what in (
+            ("mask", "[mask was|masks were] ignored: what [it hides|they hide] is drawn"),
+            ("filter", "[filter was|filters were] ignored"),
+        ):
             if own.get(effect, "none") != "none":
                 self.notes.add(f"{{count}} {what} ({{names}})", self.name(element))
         return True
@@ -307,16 +310,20 @@ class Walk:
     def _is_drawn(self, style: Style) -> bool:
         hidden = self.options.hidden
         if not style.visible and (hidden != "all" or self._gathering):
-            self.note("{count} shapes are invisible (visibility) and were left out; --hidden all draws them")
+            self.note("{count} [shape is|shapes are] invisible (visibility) and left out; --hidden all draws [it|them]")
             return False
         if self._gathering or hidden != "skip":
             return True
         stroke, fill = self._painted(style.stroke), self._painted(style.fill)
         if not stroke and not fill:
-            self.notes.add("{count} shapes have neither fill nor stroke and were left out; --hidden unpainted draws them")
+            self.notes.add(
+                "{count} [shape has|shapes have] neither fill nor stroke: left out; --hidden unpainted draws [it|them]"
+            )
             return False
         if not stroke and self.options.fills == "skip":
-            self.notes.add("{count} shapes are only filled and were left out; --fills outline draws their outlines")
+            self.notes.add(
+                "{count} [shape is|shapes are] only filled and left out; --fills outline draws [its outline|their outlines]"
+            )
             return False
         return True
 
@@ -326,7 +333,9 @@ class Walk:
             return paint is not None
         if self.by_id(paint.server) is None:
             return paint.has_fallback
-        self.notes.add("{count} shapes are painted with gradients or patterns, of which a pen draws the outline only")
+        self.notes.add(
+            "{count} [shape is|shapes are] painted with gradients or patterns, of which a pen draws the outline only"
+        )
         return True
 
     def note(self, template: str, name: str | None = None) -> None:
@@ -346,12 +355,12 @@ class Walk:
 
     def _text(self, element: Any, inner: Context) -> None:
         if self._gathering:
-            self.notes.add("{count} texts inside clip paths or used for their size were left out")
+            self.notes.add("{count} [text|texts] inside clip paths or used for [its|their] size [was|were] left out")
             return
         if not any(text.strip() for text in element.itertext()):
             return
         if self.options.text == "skip":
-            self.notes.add("{count} texts were left out; --text outline or --text single draws them")
+            self.notes.add("{count} [text was|texts were] left out; --text outline or --text single draws [it|them]")
             return
         layer = self.layer_of(inner)
         shape = Shape(element, inner.style, layer, inner.matrix, inner.clips)
@@ -384,7 +393,7 @@ class Walk:
         # A cycle closes where the target is being drawn already: through a use, or because a use on the way lies inside it.
         drawn = (*inner.uses, element)
         if any(target is one for one in drawn) or any(target is above for one in drawn for above in one.iterancestors()):
-            self.notes.add("{count} <use> elements refer to themselves and were left out")
+            self.notes.add("{count} <use> [element refers to itself and was|elements refer to themselves and were] left out")
             return
         self._count_use()
         x = self.number(element, "x", self._specified(element, "x", inner.style), inner.frame, inner.frame.width) or 0.0
@@ -402,7 +411,7 @@ class Walk:
         moved = replace(moved, style=style, matrix=multiply(matrix, own) if own else matrix, level=moved.level + 1)
         if moved.level > self.options.budgets.nesting:
             raise BadInput(
-                f"{self.name(element)} is nested deeper than {self.options.budgets.nesting} levels; "
+                f"{self.name(element)} is nested deeper than {counted(self.options.budgets.nesting, 'level')}; "
                 "raise --max-nesting (at most 400)"
             )
         self._viewport(target, moved, *(element.get(name) or target.get(name) for name in ("width", "height")))
@@ -419,7 +428,7 @@ class Walk:
         self._marker_count += 1
         if self._marker_count > self.options.budgets.markers:
             limit = self.options.budgets.markers
-            raise BadInput(f"the drawing has more than {limit} markers; raise --max-markers if it is meant")
+            raise BadInput(f"the drawing has more than {counted(limit, 'marker')}; raise --max-markers if it is meant")
 
     def _viewport(self, element: Any, context: Context, width_text: str | None, height_text: str | None) -> None:
         """The content of an inner svg or a used symbol: new coordinates, clipped unless overflow is visible."""
@@ -456,12 +465,15 @@ class Walk:
         href = href.strip()
         if not href.startswith("#"):
             self.notes.add(
-                f"{{count}} {who} elements refer to something outside the file ({{names}}), which is never read", href[:60]
+                f"{{count}} {who} [element refers|elements refer] to something outside the file ({{names}}): it is never read",
+                href[:60],
             )
             return None
         target = self.by_id(href[1:])
         if target is None:
-            self.notes.add(f"{{count}} {who} elements refer to something that is not there ({{names}})", href[:60])
+            self.notes.add(
+                f"{{count}} {who} [element refers|elements refer] to something that is not there ({{names}})", href[:60]
+            )
         return target
 
     def by_id(self, name: str) -> Any:
@@ -476,8 +488,8 @@ class Walk:
     def number(self, element: Any, attribute: str, text: str | None, frame: Frame, percent_of: float) -> float | None:
         try:
             return parse_length(text, frame, percent_of)
-        except NotFinite:
-            raise BadInput(f"{self.name(element)} has {attribute}={text!r}, which is not finite; correct it") from None
+        except NotFinite as error:
+            raise not_finite(self, str(error), element, attribute) from None
 
     def _specified(self, element: Any, name: str, style: Style | None = None) -> str | None:
         """A geometry attribute, or the property that overrides it."""
@@ -496,7 +508,10 @@ class Walk:
             if len(self._transforms) < 100_000:
                 self._transforms[text] = matrix
         if matrix is None:
-            self.notes.add("{count} transforms are not valid and were ignored ({names})", f"{self.name(element)}: {text[:40]}")
+            self.notes.add(
+                "{count} [transform is|transforms are] not valid and ignored ({names})",
+                f"{self.name(element)}: {text[:40]}",
+            )
             return None
         origin = style.own.get("transform-origin")
         if origin is not None:

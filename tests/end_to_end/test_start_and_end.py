@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -132,3 +133,14 @@ def test_a_random_order_is_another_for_each_seed_and_the_same_for_one(drawing: P
     assert sorted(first) == sorted(other) == [5 + 3 * k for k in range(20)]
     # No two neighbours in a row more often than chance has it: one in ten.
     assert sum(abs(a - b) == 3 for a, b in pairwise(first)) < 6
+
+
+def test_the_virtual_boards_here_is_said_to_be_home(drawing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    record = tmp_path / "record.json"
+    sim = ["--port", "sim", "--speed", "50", "--record", str(record)]
+    assert run(["plot", str(drawing), "--start", "here", *sim]) == 0
+    assert "note: --start here: the virtual board has just been switched on, so that here is home" in capsys.readouterr().err
+    ink = ink_mm(json.loads(record.read_text()), MACHINE.kinematics())
+    assert np.allclose(ink[0][[0, -1]], [[10, 10], [14, 10]], atol=0.02)
+    assert run(["plot", str(drawing), *sim]) == 0
+    assert "here" not in capsys.readouterr().err

@@ -48,6 +48,10 @@ def test_every_command_has_an_example_and_a_place_in_the_protocols_description()
     [
         ("T3,0,0,0,0,0,0,0", "intervals is 0, allowed is 1 to 4294967295"),
         ("T3,1,2147483648,0,0,0,0,0", "rate1 is 2147483648, allowed is -2147483648 to 2147483647"),
+        ("T3,1,0,0,99999999999,0,0,0", "jerk1 is 99999999999, allowed is -2147483648 to 2147483647"),
+        ("T3,1,0,0,0,0,0,-1" + 60 * "0", "jerk2 is -1000000000000000000..., allowed is -2147483648 to 2147483647"),
+        ("T3,00000000250,0,0,0,0,0,0", "intervals is 00000000250, allowed is a number of up to 10 digits"),
+        ("PO,B,99999999999,1", "pin is 99999999999, allowed is a number of up to 10 digits"),
         ("SM,10,251,0", "251 steps in 10 ms, allowed is 25 steps per ms"),
         ("XM,10,200,100", "300 steps in 10 ms"),
         ("XM,1,2147483647,1", "axis 1 is 2147483648"),

@@ -48,6 +48,38 @@ def test_acceleration_and_jerk_are_those_of_the_rates() -> None:
     assert jerky.max_acceleration_mm_s2 == pytest.approx(100 * 1000 / 2**31 / 80 / 40e-6**2, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("text", "constant"),
+    [
+        ("EM,1,1|SM,1000,800,1000|XM,500,100,20", "speed"),
+        ("LM,100000000,200,0,0,0,0|LT,100,100000000,0,0,0", "speed"),
+        ("LT,100,0,1000,0,0|SM,1000,800,1000", "acceleration"),
+        ("LM,100000000,200,1000,0,0,0", "acceleration"),
+        ("T3,100,0,0,1000,0,0,0|LT,100,0,1000,0,0", "jerk"),
+    ],
+)
+def test_what_the_commands_cannot_say_is_known(text: str, constant: str) -> None:
+    report = check(text)
+    assert report.constant == report.as_dict()["constant"] == constant
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        # Rate - trunc(Accel / 2) + trunc(Jerk / 6), and after t ticks Accel t + Jerk t (t - 1) / 2 more.
+        ("T3,250,2147483647,1000000,0,0,0,0", "rate1 becomes 2396983647 within 250 intervals, by accel1 1000000 and jerk1 0"),
+        ("T3,250,0,0,0,-2147483000,-3000,0", "rate2 becomes -2148231500 within 250 intervals, by accel2 -3000 and jerk2 0"),
+        # Highest where the acceleration has been used up, in tick 100 or 101 of 200.
+        ("T3,200,0,60000000,-600000,0,0,0", "rate1 becomes 2999900000 within 200 intervals, by accel1 60000000 and jerk1 -6"),
+        ("LM,2147483647,2000,1000000,0,0,0", "rate1 becomes 6288983647 within 4142 intervals, by accel1 1000000 and"),
+    ],
+)
+def test_a_rate_that_rolls_over_is_named_with_its_line_value_and_bound(line: str, said: str) -> None:
+    problems = check(f"EM,1,1|{line}|# stroke 1|SP,1,100").problems
+    assert len([problem for problem in problems if said in problem]) == 1, problems
+    assert problems[0].startswith("line 2: ") and "allowed is -2147483648 to 2147483647 (25 kHz)" in problems[0]
+
+
 def test_speed_peaks_inside_a_piece_are_found() -> None:
     report = check("T3,1000,0,200000,-400,0,0,0")
     assert report.max_speed_mm_s == pytest.approx(200000**2 / (2 * 400) / 2**31 / 80 / 40e-6, rel=1e-3)

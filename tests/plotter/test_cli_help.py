@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from pathlib import Path
 
 import click
@@ -10,20 +11,29 @@ import pytest
 from click.testing import CliRunner
 
 import output.ebb.producer  # noqa: F401 - loaded, as it is when something was plotted
+from plotter.cli.help import EXPERT, HeadedCommand, Heading
 from plotter.cli.main import LazyGroup, cli, main, run
+from plotter.settings import Settings
 
 HERE = Path(__file__).parent / "help"
 COMMANDS = sorted(LazyGroup.homes)
 
 
-@pytest.mark.parametrize("name", ["", *COMMANDS])
-def test_help_is_as_it_was(name: str, request: pytest.FixtureRequest) -> None:
-    result = CliRunner().invoke(cli, [*name.split(), "--help"], prog_name="plotter", terminal_width=100)
+def help_of(name: str, flag: str) -> str:
+    result = CliRunner().invoke(cli, [*name.split(), flag], prog_name="plotter", terminal_width=100)
     assert result.exit_code == 0
-    golden = HERE / f"{name or 'plotter'}.txt"
+    return str(result.output)
+
+
+@pytest.mark.parametrize(
+    ("name", "flag"), [*((name, "--help") for name in ("", *COMMANDS)), ("plot", "--help-all"), ("verify", "--help-all")]
+)
+def test_help_is_as_it_was(name: str, flag: str, request: pytest.FixtureRequest) -> None:
+    output = help_of(name, flag)
+    golden = HERE / f"{name or 'plotter'}{flag.removeprefix('--help')}.txt"
     if request.config.getoption("--renew-golden"):
-        golden.write_text(result.output)
-    old, new = golden.read_text().splitlines(), result.output.splitlines()
+        golden.write_text(output)
+    old, new = golden.read_text().splitlines(), output.splitlines()
     assert old == new, "\n".join(difflib.unified_diff(old, new, golden.name, "now", lineterm="", n=1))
 
 
@@ -35,6 +45,34 @@ def test_every_command_and_option_says_what_it_does(name: str) -> None:
     for parameter in command.params:
         if isinstance(parameter, click.Option):
             assert parameter.help, f"{name} {parameter.opts[0]}"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_is_in_the_whole_help_and_what_is_left_out_of_the_usual_is_counted(name: str) -> None:
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
+    options = [parameter for parameter in command.params if isinstance(parameter, click.Option)]
+    headed = isinstance(command, HeadedCommand)
+    usual, whole = (re.findall(r"^  (?:-\w, )?(--[\w-]+)", help_of(name, flag), re.MULTILINE)
+                    for flag in ("--help", "--help-all" if headed else "--help"))  # fmt: skip
+    assert sorted(whole) == sorted([option.opts[-1] for option in options] + ["--help"] + ["--help-all"] * headed)
+    left_out = [option for option in options if getattr(option, "heading", Heading.OWN) in EXPERT]
+    assert set(whole) - set(usual) == {option.opts[-1] for option in left_out}
+    assert (f"{len(left_out)} more options with --help-all: " in help_of(name, "--help")) == bool(left_out)
+    assert "more options" not in help_of(name, "--help-all" if headed else "-h") or not headed
+
+
+def test_the_texts_of_all_sections_begin_in_one_column() -> None:
+    """But for flags that are longer than the column, whose text is on the next line."""
+    rows = re.findall(r"^  -.*?  +(?=\S)", help_of("plot", "--help-all"), re.MULTILINE)
+    assert len(rows) > 40 and {len(row) for row in rows} == {34}
+
+
+def test_every_setting_has_one_place_in_the_help() -> None:
+    command = cli.get_command(click.Context(cli), "settings")
+    assert command is not None
+    names = [parameter.name for parameter in command.params if parameter.name not in ("settings_file", "as_json")]
+    assert sorted(map(str, names)) == sorted(Settings.model_fields)
 
 
 def test_the_version_is_said(capsys: pytest.CaptureFixture[str]) -> None:

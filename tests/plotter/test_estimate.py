@@ -1,5 +1,7 @@
 """What a plan consists of, counted as it passes by, against sums done another way."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,8 @@ from planning.geometry.stroke import Layer, Stroke
 from planning.motion.limits import Limits
 from planning.motion.plan import Draw, Lift, Motion, Travel, still
 from planning.motion.planner import MotionSettings, PenTiming, plan
-from plotter.estimate import PlanTally, length_mm
+from planning.motion.reinking import Reinking
+from plotter.estimate import PlannedPause, PlanTally, length_mm
 from plotter.machines.profile import load_machine
 
 MACHINE = load_machine("axidraw-v3")
@@ -48,3 +51,15 @@ def test_a_plan_is_counted_layer_by_layer() -> None:
     left, top, right, bottom = tally.bounds_mm
     assert (left, top) == pytest.approx((20, 20), abs=0.02)
     assert (right, bottom) == pytest.approx((70, 70), abs=0.02)
+
+
+def test_pauses_are_counted_where_they_are() -> None:
+    """Lines of 40 mm in a layer, then one that pauses first; ink lasts for 50 mm, and that pause is a chance to re-ink."""
+    lines = tuple(Stroke(np.array([[20.0, y], [60.0, y]])) for y in (20.0, 30.0, 40.0))
+    layers = (Layer(1, "black", lines), Layer(3, "!red", lines[:2], pause_before=True))
+    tally = PlanTally()
+    for _ in tally.watch(plan(layers, replace(SETTINGS, reinking=Reinking(every_mm=50.0)), np.zeros(2), np.zeros(2))):
+        pass
+    ink, red = "re-ink the pen", "next: !red"
+    assert tally.pauses == [PlannedPause(ink, 2, 1), PlannedPause(ink, 3, 1), PlannedPause(red, 4, 3), PlannedPause(ink, 5, 3)]
+    assert (tally.total.pauses, [layer.pauses for layer in tally.layers]) == (4, [2, 2])

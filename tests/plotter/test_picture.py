@@ -15,9 +15,10 @@ from planning.motion.plan import Action, Draw, LayerStart, Lift, Lower, Motion, 
 from plotter.errors import BadInput
 from plotter.preview.picture import draw_ink, draw_picture
 from plotter.preview.sheet import LEGEND_HEIGHT_MM
+from plotter.preview.table import Table
 from plotter.preview.trace import flatten
 
-PAGE = (100.0, 60.0)
+TABLE = Table((100.0, 60.0))
 SVG = "{http://www.w3.org/2000/svg}"
 DPI = 254.0  # ten pixels per millimetre
 RED, GREEN = (200, 0, 0), (0, 140, 0)
@@ -79,7 +80,7 @@ def near(pixels: np.ndarray, x_mm: float, y_mm: float, color: tuple[int, int, in
 
 
 def test_png_has_the_ink_where_the_pen_was_down_and_nowhere_else(tmp_path: Path) -> None:
-    draw_picture(tmp_path / "p.png", plan(), PAGE, dpi=DPI, layer_colors=COLORS)
+    draw_picture(tmp_path / "p.png", plan(), TABLE, dpi=DPI, layer_colors=COLORS)
     pixels = read_png(tmp_path / "p.png")
     assert pixels.shape == (int((60 + 10 + LEGEND_HEIGHT_MM) * 10), (100 + 10) * 10, 3)
     for angle in np.linspace(0, 2 * np.pi, 50):
@@ -100,7 +101,7 @@ def test_png_has_the_ink_where_the_pen_was_down_and_nowhere_else(tmp_path: Path)
 
 
 def test_png_shows_travels_pale_and_is_antialiased(tmp_path: Path) -> None:
-    draw_picture(tmp_path / "p.png", plan(), PAGE, dpi=DPI, layer_colors=COLORS)
+    draw_picture(tmp_path / "p.png", plan(), TABLE, dpi=DPI, layer_colors=COLORS)
     pixels = read_png(tmp_path / "p.png")
     on_travel = pixels[450 - 2 : 450 + 3, 550]  # (50, 40), between the two strokes
     assert on_travel.min() < 230
@@ -110,7 +111,7 @@ def test_png_shows_travels_pale_and_is_antialiased(tmp_path: Path) -> None:
 
 
 def test_svg_holds_every_stroke_within_tolerance(tmp_path: Path) -> None:
-    draw_picture(tmp_path / "p.svg", plan(), PAGE, layer_colors=COLORS, stroke_colors=[None, "#123456", None])
+    draw_picture(tmp_path / "p.svg", plan(), TABLE, layer_colors=COLORS, stroke_colors=[None, "#123456", None])
     root = etree.parse(tmp_path / "p.svg").getroot()
     assert root.get("width") == "110.000mm"
     assert root.get("viewBox", "").split()[:2] == ["-5.000", "-5.000"]
@@ -156,7 +157,7 @@ def test_draw_ink_draws_the_polylines_it_is_given(tmp_path: Path) -> None:
         np.array([[70.0, 40.0]]),
         np.array([[10.0, 50.0], [90.0, 50.0]]),
     ]
-    draw_ink(tmp_path / "i.png", strokes, PAGE, dpi=DPI, colors=["#c80000", None, None, "#ffffff"])
+    draw_ink(tmp_path / "i.png", strokes, TABLE, dpi=DPI, colors=["#c80000", None, None, "#ffffff"])
     pixels = read_png(tmp_path / "i.png")
     assert near(pixels, 30, 10, RED)
     assert near(pixels, 70, 40, (34, 34, 34))
@@ -167,9 +168,9 @@ def test_draw_ink_draws_the_polylines_it_is_given(tmp_path: Path) -> None:
 def test_a_page_of_metres_stays_within_its_pixels_and_memory(tmp_path: Path) -> None:
     t = np.linspace(0, 200 * np.pi, 60_000)
     spiral = np.column_stack((1500 + t * 2 * np.cos(t), 1000 + t * 1.5 * np.sin(t)))
-    draw_ink(tmp_path / "small.png", [spiral / 30], PAGE)  # loads what is loaded on first use
+    draw_ink(tmp_path / "small.png", [spiral / 30], TABLE)  # loads what is loaded on first use
     tracemalloc.start()
-    draw_ink(tmp_path / "i.png", [spiral], (3000, 2000), dpi=600)
+    draw_ink(tmp_path / "i.png", [spiral], Table((3000, 2000)), dpi=600)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     with Image.open(tmp_path / "i.png") as image:
@@ -179,19 +180,49 @@ def test_a_page_of_metres_stays_within_its_pixels_and_memory(tmp_path: Path) -> 
 
 
 def test_bounds_beyond_the_page_are_shown(tmp_path: Path) -> None:
-    draw_picture(tmp_path / "p.png", [], PAGE, bounds_mm=(-20, 0, 120, 80), dpi=25.4)
+    draw_picture(tmp_path / "p.png", [], TABLE, bounds_mm=(-20, 0, 120, 80), dpi=25.4)
     with Image.open(tmp_path / "p.png") as image:
         assert image.size == (150, 90 + LEGEND_HEIGHT_MM)
+
+
+def test_the_page_and_the_well_are_shown_where_they_lie(tmp_path: Path) -> None:
+    """A page that is turned, moved and partly off the machine, the well at its other end."""
+    table = Table((100.0, 60.0), np.array([[70.0, 10.0], [20.0, 70.0]]), np.array([90.0, 30.0]))
+    draw_picture(tmp_path / "p.png", [], table, dpi=DPI)
+    pixels = read_png(tmp_path / "p.png")
+    assert pixels.shape == (int((70 + 10 + LEGEND_HEIGHT_MM) * 10), (100 + 10) * 10, 3)
+    grey, pale, blue = (138, 138, 138), (212, 212, 212), (42, 127, 158)
+    for along in np.linspace(0.02, 0.98, 20):
+        for x, y in [(20, 10 + 60 * along), (70, 10 + 60 * along), (20 + 50 * along, 10), (20 + 50 * along, 70)]:
+            assert near(pixels, x, y, grey), (x, y)
+        assert near(pixels, 0, 60 * along, pale)
+    for turn in np.linspace(0, 2 * np.pi, 16):
+        assert near(pixels, 90 + 2.5 * np.cos(turn), 30 + 2.5 * np.sin(turn), blue)
+    assert near(pixels, 90, 30, blue)
+    draw_picture(tmp_path / "p.svg", [], table)
+    root = etree.parse(tmp_path / "p.svg").getroot()
+    shown = {line.get("class"): line.get("points").split() for line in root.iter(f"{SVG}polyline")}
+    assert set(shown) == {"machine", "page", "well"}
+    assert set(shown["page"]) == {"20.000,10.000", "70.000,10.000", "70.000,70.000", "20.000,70.000"}
+    words = "".join(root.find(f"{SVG}text").itertext())
+    assert "machine 100 x 60 mm" in words and "page 50 x 60 mm" in words and "well at 90, 30 mm" in words
+
+
+def test_a_page_of_a_hall_does_not_make_the_machine_a_dot(tmp_path: Path) -> None:
+    table = Table((100.0, 60.0), np.array([[0.0, 0.0], [50_000.0, 30_000.0]]))
+    draw_picture(tmp_path / "p.png", [], table, dpi=25.4)
+    with Image.open(tmp_path / "p.png") as image:
+        assert image.size == (160, 100 + LEGEND_HEIGHT_MM)
 
 
 @pytest.mark.parametrize("name", ["p.jpg", "p"])
 def test_a_name_of_another_kind_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(BadInput, match=r"must end in \.png or \.svg"):
-        draw_picture(tmp_path / name, plan(), PAGE)
+        draw_picture(tmp_path / name, plan(), TABLE)
     assert not (tmp_path / name).exists()
 
 
 @pytest.mark.parametrize("name", ["p.png", "p.svg"])
 def test_a_place_that_cannot_be_written_is_bad_input(tmp_path: Path, name: str) -> None:
     with pytest.raises(BadInput, match="cannot be written"):
-        draw_picture(tmp_path / "missing" / name, plan(), PAGE)
+        draw_picture(tmp_path / "missing" / name, plan(), TABLE)

@@ -177,3 +177,37 @@ def test_reading_leaves_the_recursion_limit_alone() -> None:
     with pytest.raises(BadInput):
         page("<g>" * 400 + "</g>" * 400)
     assert sys.getrecursionlimit() == before
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ('<rect x="NaN" width="5" height="5"/>', "<rect> on line 2 has x='NaN'"),
+        ('<rect\n\nid="r" x="1e999" width="5" height="5"/>', "<rect id='r'> on line 4 has x='1e999'"),
+        ('<use id="u" href="#q" x="1e999"/><path id="q" d="M0 0h5"/>', "<use id='u'> on line 2 has x='1e999'"),
+        (
+            '<svg><symbol id="s" viewBox="0 0 NaN 5"/><use href="#s"/></svg>',
+            "<symbol id='s'> on line 2 has viewBox='0 0 NaN",
+        ),
+        ('<path style="stroke-dasharray:inf" class="info" d="M0 0h5"/>', "<path> on line 2 has style='stroke-dasharray:inf'"),
+        ('<text id="t" x="3">A<tspan dx="inf" class="info">B</tspan></text>', "<tspan> on line 2 has dx='inf'"),
+        ('<text id="t" letter-spacing="1e999">AB</text>', "<text id='t'> on line 2 has letter-spacing='1e999'"),
+        (
+            '<clipPath id="c"><rect x="1e999" width="5" height="5"/></clipPath><path clip-path="url(#c)" d="M0 0h5"/>',
+            "<rect> on line 2 has x='1e999'",
+        ),
+        ("<style>circle{r:1e999}</style><circle id='c'/>", "<circle id='c'> on line 2 has the value '1e999'"),
+        ("<style>text{letter-spacing:1e999}</style><text>AB</text>", "style sheet, has the value '1e999'"),
+        ('<path id="p" d="M0 0L1e999 5"/>', "<path id='p'> has a number too large to be finite"),
+        ('<polyline points="0,0 1e999,3"/>', "<polyline> on line 2 has a number too large to be finite"),
+    ],
+)
+def test_a_number_that_is_not_finite_is_named_with_its_element_and_attribute(body: str, said: str) -> None:
+    with pytest.raises(BadInput) as refused:
+        page(f"\n{body}", text="single")
+    assert said in str(refused.value)
+
+
+def test_the_root_is_an_element_too() -> None:
+    with pytest.raises(BadInput, match="<svg id='top'> on line 1 has style='font-size:1e999', which is not finite"):
+        read_drawing(HEAD.replace("<svg ", '<svg id="top" style="font-size:1e999" ').encode() + b"</svg>")

@@ -32,7 +32,7 @@ def test_strokes_writes_polylines_in_document_order(file: Path, tmp_path: Path, 
     assert json.loads(out.read_text()) == {"width_mm": 100, "height_mm": 100, "polylines": [[[0, 0], [10, 0], [10, 10]]]}
     said = capsys.readouterr()
     assert said.out == ""
-    assert said.err.count("warning: ") == 2 and "%note" in said.err and "1 texts" in said.err
+    assert said.err.count("warning: ") == 2 and "%note" in said.err and "1 text was" in said.err
 
 
 def test_standard_input_and_output(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -44,7 +44,7 @@ def test_standard_input_and_output(monkeypatch: pytest.MonkeyPatch, capsys: pyte
 def test_layers_for_people_and_programs(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["layers", str(file), "--text", "skip"]) == 0
     text = capsys.readouterr().out
-    assert "100.00 x 100.00 mm, 1 strokes" in text and "!red" in text and "pause before" in text and "documentation" in text
+    assert "100.00 x 100.00 mm, 1 stroke\n" in text and "!red" in text and "pause before" in text and "documentation" in text
     assert run(["layers", str(file), "--json", "--text", "skip"]) == 0
     found = json.loads(capsys.readouterr().out)
     first, second = found["layers"]

@@ -64,7 +64,7 @@ def test_clip_units_nesting_use_and_transforms() -> None:
 def test_an_empty_clip_hides_all_and_a_missing_one_nothing() -> None:
     assert page('<clipPath id="c"/><path clip-path="url(#c)" d="M0 0h5"/>').stroke_count == 0
     missing = page('<path clip-path="url(#c)" d="M0 0h5"/>')
-    assert missing.stroke_count == 1 and any("clip paths are not there" in warning for warning in missing.warnings)
+    assert missing.stroke_count == 1 and any("1 clip path is not there" in warning for warning in missing.warnings)
 
 
 def test_inner_svg_clips_unless_it_overflows() -> None:

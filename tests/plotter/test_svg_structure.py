@@ -83,7 +83,7 @@ def test_cycles_are_left_out_and_named() -> None:
     ):
         drawing = page(body)
         assert drawing.stroke_count == body.count("<path")
-        assert any("refer to themselves" in warning for warning in drawing.warnings)
+        assert any("refers to itself" in warning for warning in drawing.warnings)
 
 
 def test_references_outside_and_to_nothing_are_named() -> None:

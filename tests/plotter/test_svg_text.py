@@ -71,7 +71,7 @@ def test_the_engine_sees_neither_files_nor_the_network() -> None:
 
 def test_text_is_named_where_it_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     skipped = page(LABEL, text="skip")
-    assert skipped.stroke_count == 0 and any("1 texts were left out; --text" in warning for warning in skipped.warnings)
+    assert skipped.stroke_count == 0 and any("1 text was left out; --text" in warning for warning in skipped.warnings)
     monkeypatch.setattr(font_engine, "available", lambda: False)
     monkeypatch.setattr(text_single, "available", lambda: False)
     assert any("need a font engine" in warning for warning in page(LABEL).warnings)
@@ -90,7 +90,7 @@ def test_single_line_text() -> None:
     assert [len(one) for one in polylines(drawing)] == [2, 2, 2]
     every = np.concatenate(polylines(drawing))
     assert every[:, 1].min() == pytest.approx(50 - 21) and every[:, 1].max() == pytest.approx(50)
-    assert drawing.warnings == ("1 texts were drawn as single-line strokes in Hershey futural",)
+    assert drawing.warnings == ("1 text was drawn as single-line strokes in Hershey futural",)
 
 
 @needs_single
@@ -108,7 +108,7 @@ def test_single_line_layout_positions_anchor_spaces_and_unknown_letters() -> Non
     assert tspan[1] - tspan[0] == pytest.approx(5 + spans('<text y="50" font-size="30">II</text>')[1] - tspan[0])
     assert tspan[2] == pytest.approx(90 + tspan[0])
     drawing = page('<text y="50">é漢</text>', text="single")
-    assert drawing.stroke_count and any("1 characters are not in the single-line font" in one for one in drawing.warnings)
+    assert drawing.stroke_count and any("1 character is not in the single-line font" in one for one in drawing.warnings)
 
 
 @needs_single
@@ -167,9 +167,9 @@ def test_markers_are_cut_at_their_own_box() -> None:
 
 def test_markers_too_many_missing_or_in_themselves() -> None:
     missing = page('<path marker-end="url(#none)" d="M0 0H5"/>')
-    assert missing.stroke_count == 1 and any("markers are not there" in warning for warning in missing.warnings)
+    assert missing.stroke_count == 1 and any("1 marker is not there" in warning for warning in missing.warnings)
     own = page('<marker id="m"><path d="M0 0L1 1" marker-end="url(#m)"/></marker><path marker-end="url(#m)" d="M0 0H5"/>')
-    assert own.stroke_count == 2 and any("refer to themselves" in warning for warning in own.warnings)
+    assert own.stroke_count == 2 and any("refers to itself" in warning for warning in own.warnings)
     with pytest.raises(BadInput, match="--max-markers"):
         page(MARKER.format("") + '<path marker-mid="url(#m)" d="M0 0' + "h1" * 50 + '"/>', budgets=Budgets(markers=40))
 
