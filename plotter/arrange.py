@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.geometry.stroke import Layer, Points, Stroke
-from planning.geometry.strokes import Strokes, all_points_mm
+from planning.geometry.strokes import Strokes, all_points_mm, box_mm
 from plotter.errors import BadInput
 from plotter.machines.profile import Machine
 from plotter.settings import Settings
@@ -23,7 +23,10 @@ class Placement:
     offset: Points
 
     def apply(self, points_mm: Points) -> Points:
-        return np.asarray(points_mm @ self.matrix.T + self.offset)
+        x, y = points_mm.T
+        (a, b), (c, d) = self.matrix.tolist()
+        # By column: numpy's product of many points with a small matrix takes ten times as long.
+        return np.stack((a * x + b * y + self.offset[0], c * x + d * y + self.offset[1]), axis=1)
 
     def back(self, points_mm: Points) -> Points:
         """Machine millimetres (n, 2) back to page millimetres."""
@@ -80,9 +83,8 @@ def bounds_mm(layers: tuple[Layer, ...]) -> tuple[float, float, float, float] | 
     found = [points for points in (all_points_mm(layer.strokes) for layer in layers) if len(points)]
     if not found:
         return None
-    left, top = np.min([points.min(axis=0) for points in found], axis=0).tolist()
-    right, bottom = np.max([points.max(axis=0) for points in found], axis=0).tolist()
-    return left, top, right, bottom
+    left, top, right, bottom = zip(*map(box_mm, found), strict=True)
+    return min(left), min(top), max(right), max(bottom)
 
 
 def _placed(strokes: Sequence[Stroke], placement: Placement) -> Sequence[Stroke]:

@@ -28,7 +28,6 @@ from plotter.errors import BadInput
 from plotter.journals import Part, given_up, journal_path
 from plotter.journals import head as journal_head
 from plotter.pipeline import Job, prepare
-from plotter.preview.picture import draw_ink
 from plotter.settings import Settings
 from plotter.units import spoken_duration
 
@@ -139,6 +138,8 @@ def _keep_picture(virtual: VirtualBoard, picture: Path | None, job: Job) -> None
     well_mm = None if reinking is None else reinking.well_mm
     ink = [line for line in ink_mm(virtual.record(), job.machine.kinematics()) if not _is_dip(line, well_mm)]
     colors = [stroke.color for layer in job.layers for stroke in layer.strokes]
+    from plotter.preview.picture import draw_ink  # pictures and their libraries are needed at the very end, if at all
+
     draw_ink(picture, ink, (job.machine.width_mm, job.machine.height_mm), colors=colors if len(colors) == len(ink) else None)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plotter.errors import BadInput
 from plotter.svg.clip import Clip
@@ -17,6 +18,7 @@ from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
 from plotter.svg.path_segments import resolve
 from plotter.svg.path_tokens import ARITY, Commands, parse_paths, with_moves
+from plotter.svg.shapes import ellipses_as_path
 from plotter.svg.style import Style
 
 _BATCH_CHARACTERS = 2_000_000
@@ -27,10 +29,9 @@ _DASHED_FINER = 16.0
 
 @dataclass(slots=True)
 class Shape:
-    """One drawn shape: all but its outline. `order` is its place in the painting order, -1 where that is its index;
-    `color` overrides the style's."""
+    """What there is to a drawn shape besides its outline; many shapes may have it in common. `order` is its place in the
+    painting order, -1 where that is its index; `color` overrides the style's."""
 
-    element: Any
     style: Style
     layer: int
     matrix: Matrix
@@ -54,6 +55,8 @@ class _Batch:
     codes: list[bytes] = field(default_factory=list)
     numbers: list[float] = field(default_factory=list)
     number_shapes: list[int] = field(default_factory=list)
+    ellipses: list[float] = field(default_factory=list)
+    ellipse_shapes: list[int] = field(default_factory=list)
     characters: int = 0
 
 
@@ -62,6 +65,7 @@ class Collector:
 
     def __init__(self, options: ReadOptions, notes: Notes, name_of: Callable[[Any], str], spent: Spent) -> None:
         self.shapes: list[Shape] = []
+        self._elements: list[Any] = []  # what each shape is named after
         self._done: list[Polylines] = []
         self._batch = _Batch()
         self._options = options
@@ -70,32 +74,45 @@ class Collector:
         self._spent = spent
         self._first = 0
 
-    def add_path(self, shape: Shape, data: str) -> None:
+    def add_path(self, element: Any, shape: Shape, data: str) -> None:
         batch = self._batch
         batch.texts.append(data)
         batch.text_shapes.append(len(self.shapes))
         batch.characters += len(data)
         self.shapes.append(shape)
+        self._elements.append(element)
         if batch.characters > _BATCH_CHARACTERS:
             self._flush()
 
-    def add_commands(self, shape: Shape, codes: bytes, numbers: list[float]) -> None:
+    def add_commands(self, element: Any, shape: Shape, codes: bytes, numbers: list[float]) -> None:
         """Absolute commands, a move before each subpath."""
         batch = self._batch
         batch.codes.append(codes)
         batch.numbers.extend(numbers)
         batch.number_shapes.append(len(self.shapes))
         self.shapes.append(shape)
+        self._elements.append(element)
         if len(batch.numbers) > _BATCH_NUMBERS:
             self._flush()
 
-    def reserve(self, shape: Shape) -> int:
+    def add_ellipse(self, element: Any, shape: Shape, ellipse: tuple[float, float, float, float]) -> None:
+        """`ellipse` is its centre, x and y, and its two radii, both positive."""
+        batch = self._batch
+        batch.ellipses.extend(ellipse)
+        batch.ellipse_shapes.append(len(self.shapes))
+        self.shapes.append(shape)
+        self._elements.append(element)
+        if len(batch.ellipses) > _BATCH_NUMBERS // 4:
+            self._flush()
+
+    def reserve(self, element: Any, shape: Shape) -> int:
         """A place in the painting order for a shape whose outline comes later, or never."""
         self.shapes.append(shape)
+        self._elements.append(element)
         return len(self.shapes) - 1
 
     def _name_of(self, index: int) -> str:
-        return self._name_element(self.shapes[index].element)
+        return self._name_element(self._elements[index])
 
     def finish(self) -> list[Polylines]:
         self._flush()
@@ -112,9 +129,11 @@ class Collector:
         self._check_finite(commands, first)
         with np.errstate(over="ignore", invalid="ignore"):
             segments = resolve(commands)
-        shapes = self.shapes[first:]
-        matrix = np.array([shape.matrix for shape in shapes]).reshape(-1, 6)
-        tolerance = np.array([self._tolerance_mm(shape) for shape in shapes])
+        number: dict[int, int] = {}
+        which = np.array([number.setdefault(id(shape), len(number)) for shape in self.shapes[first:]], dtype=np.int64)
+        different = list({id(shape): shape for shape in self.shapes[first:]}.values())
+        matrix = np.array([shape.matrix for shape in different]).reshape(-1, 6)[which]
+        tolerance = np.array([self._tolerance_mm(shape) for shape in different])[which]
         budget = self._options.budgets.points
         try:
             with np.errstate(over="ignore", invalid="ignore"):
@@ -146,35 +165,39 @@ class Collector:
 
 
 def _commands(batch: _Batch, first: int) -> tuple[Commands, dict[int, str]]:
-    """Both kinds of outlines as one list of commands in document order, `path` counted from `first`; and the damages."""
+    """All kinds of outlines as one list of commands in document order, `path` counted from `first`; and the damages."""
     parsed, damage = parse_paths(batch.texts) if batch.texts else (_NONE, {})
     text_shapes = np.array(batch.text_shapes, np.int64) - first
     damage = {int(text_shapes[i]): what for i, what in damage.items()}
-    if not batch.codes:
-        return _with(parsed, text_shapes[parsed.path] if len(text_shapes) else parsed.path), damage
-    code = np.frombuffer(b"".join(batch.codes), np.uint8)
-    count = np.array([len(codes) for codes in batch.codes])
-    arity = ARITY[code]
-    begin = np.cumsum(arity) - arity
-    path = np.repeat(np.array(batch.number_shapes, np.int64) - first, count)
-    given = with_moves(Commands(code, begin, path, np.array(batch.numbers)))
-    if not batch.texts:
-        return given, damage
-    merged = np.concatenate((text_shapes[parsed.path], given.path))
+    parts = [Commands(parsed.code, parsed.first, text_shapes[parsed.path], parsed.numbers)] if batch.texts else []
+    if batch.codes:
+        code = np.frombuffer(b"".join(batch.codes), np.uint8)
+        count = np.array([len(codes) for codes in batch.codes])
+        path = np.repeat(np.array(batch.number_shapes, np.int64) - first, count)
+        parts.append(with_moves(_one_after_the_other(code, path, np.array(batch.numbers))))
+    if batch.ellipses:
+        codes, numbers = ellipses_as_path(np.array(batch.ellipses).reshape(-1, 4))
+        path = np.repeat(np.array(batch.ellipse_shapes, np.int64) - first, len(codes))
+        parts.append(_one_after_the_other(np.tile(np.frombuffer(codes, np.uint8), len(numbers)), path, numbers.ravel()))
+    if len(parts) < 2:
+        return parts[0] if parts else _NONE, damage
+    merged = np.concatenate([part.path for part in parts])
     order = np.argsort(merged, kind="stable")
+    before = np.cumsum([0, *(len(part.numbers) for part in parts)]).tolist()
     return (
         Commands(
-            np.concatenate((parsed.code, given.code))[order],
-            np.concatenate((parsed.first, given.first + len(parsed.numbers)))[order],
+            np.concatenate([part.code for part in parts])[order],
+            np.concatenate([part.first + start for part, start in zip(parts, before, strict=False)])[order],
             merged[order],
-            np.concatenate((parsed.numbers, given.numbers)),
+            np.concatenate([part.numbers for part in parts]),
         ),
         damage,
     )
 
 
-def _with(commands: Commands, path: Any) -> Commands:
-    return Commands(commands.code, commands.first, path, commands.numbers)
+def _one_after_the_other(code: NDArray[np.uint8], path: NDArray[np.int64], numbers: NDArray[np.float64]) -> Commands:
+    arity = ARITY[code]
+    return Commands(code, np.cumsum(arity) - arity, path, numbers)
 
 
 _NONE = Commands(np.zeros(0, np.uint8), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))

@@ -5,7 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
+import numpy as np
+
 from plotter.svg.lengths import Frame, parse_length
+from plotter.svg.path_segments import Floats
 
 Get = Callable[[str], str | None]
 # Letters of absolute commands, and their arguments one after the other.
@@ -59,6 +62,14 @@ def _ellipse(get: Get, frame: Frame, rx: float, ry: float) -> Outline | None:
         return None
     r = [rx, ry, 0.0, 0.0, 1.0]
     return b"MAAAAZ", [x + rx, y, *r, x, y + ry, *r, x - rx, y, *r, x, y - ry, *r, x + rx, y]
+
+
+def ellipses_as_path(ellipses: Floats) -> tuple[bytes, Floats]:
+    """Outlines of very many ellipses, rows of centre and radii (n, 4): the letters of each, and the arguments (n, 30)."""
+    x, y, rx, ry = ellipses.T
+    r = (rx, ry, np.zeros_like(x), np.zeros_like(x), np.ones_like(x))
+    right, low, left, high = (x + rx, y), (x, y + ry), (x - rx, y), (x, y - ry)
+    return b"MAAAAZ", np.stack((*right, *r, *low, *r, *left, *r, *high, *r, *right), axis=1)
 
 
 def line(get: Get, frame: Frame) -> Outline:

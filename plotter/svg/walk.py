@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from plotter.errors import BadInput
+from plotter.svg.alike import Alike
 from plotter.svg.clip import Clip
 from plotter.svg.clip_paths import ClipPaths
 from plotter.svg.collector import Collector, Shape, Spent
@@ -75,7 +76,7 @@ class Walk:
         self.texts: list[PendingText] = []
         self.clip_paths = ClipPaths(self)
         self.markers = Markers(self)
-        self._gathering = False
+        self.gathering = False
         self._root_style: Style | None = None
         self._styles_in_place: dict[Any, Style] = {}
         self._kinds: dict[Any, str] = {}
@@ -149,9 +150,11 @@ class Walk:
     # ---- elements
 
     def children(self, element: Any, context: Context) -> None:
+        alike = Alike(self, context)
         for child in element:
             try:
-                self.element(child, context)
+                if not alike.take(child):
+                    self.element(child, context)
             except NotFinite as error:
                 raise BadInput(f"{self.name(child)} has the value {str(error)!r}, which is not finite; correct it") from None
 
@@ -162,12 +165,7 @@ class Walk:
             kind = self._kinds[tag] = self.kind(tag)
         if not kind or kind in _NEVER:
             return
-        self._element_count += 1
-        if self._element_count > self.options.budgets.elements:
-            raise BadInput(
-                f"the drawing has more than {self.options.budgets.elements} elements, counting each <use>; "
-                "raise --max-elements if it is meant"
-            )
+        self.count_element()
         items = element.items()
         style = self.cascade.style(element, kind, items, context.style, context.frame)
         if not style.displayed and self.options.hidden != "all":
@@ -186,7 +184,7 @@ class Walk:
                 self.notes.add("{count} elements have a transform that leaves them no area and were left out")
                 return
         clips = context.clips
-        if style.own and not self._gathering:
+        if style.own and not self.gathering:
             if not self._notes_on_effects(element, kind, style):
                 return
             if "clip-path" in style.own:
@@ -202,6 +200,15 @@ class Walk:
         frame = context.frame if style.font_px == context.frame.font_px else replace(context.frame, font_px=style.font_px)
         inner = Context(matrix, style, frame, context.layer, clips, context.level + 1, context.uses)
         self.container(element, kind, inner)
+
+    def count_element(self) -> None:
+        """Counts one element that may be drawn. Raises BadInput beyond the budget."""
+        self._element_count += 1
+        if self._element_count > self.options.budgets.elements:
+            raise BadInput(
+                f"the drawing has more than {self.options.budgets.elements} elements, counting each <use>; "
+                "raise --max-elements if it is meant"
+            )
 
     def kind(self, tag: Any) -> str:
         """The local name of an SVG element; empty for what is none."""
@@ -288,28 +295,28 @@ class Walk:
         layer = self.layer_of(context)
         if drawn:
             dashes = None
-            if "stroke-dasharray" in style.inherited and not self._gathering:
+            if "stroke-dasharray" in style.inherited and not self.gathering:
                 dashes = dashes_of(style, frame, attributes.get("pathLength"))
-            one = Shape(element, style, layer, matrix, clips, dashes)
+            one = Shape(style, layer, matrix, clips, dashes)
             if outline is not None:
-                self.collector.add_commands(one, *outline)
+                self.collector.add_commands(element, one, *outline)
             else:
-                self.collector.add_path(one, data)
-        if not self._gathering and style.visible and self.markers.wanted(kind, style):
+                self.collector.add_path(element, one, data)
+        if not self.gathering and style.visible and self.markers.wanted(kind, style):
             here = Context(matrix, style, frame, layer, clips, context.level + 1, context.uses)
             self.markers.draw(element, data if outline is None else path_text(*outline), here)
 
     def layer_of(self, context: Context) -> int:
         if context.layer is not None:
             return context.layer
-        return 0 if self._gathering else self.layering.outside()
+        return 0 if self.gathering else self.layering.outside()
 
     def _is_drawn(self, style: Style) -> bool:
         hidden = self.options.hidden
-        if not style.visible and (hidden != "all" or self._gathering):
+        if not style.visible and (hidden != "all" or self.gathering):
             self.note("{count} shapes are invisible (visibility) and were left out; --hidden all draws them")
             return False
-        if self._gathering or hidden != "skip":
+        if self.gathering or hidden != "skip":
             return True
         stroke, fill = self._painted(style.stroke), self._painted(style.fill)
         if not stroke and not fill:
@@ -331,21 +338,21 @@ class Walk:
 
     def note(self, template: str, name: str | None = None) -> None:
         """A note, unless shapes are only gathered for their area."""
-        if not self._gathering:
+        if not self.gathering:
             self.notes.add(template, name)
 
     def gather(self, run: Callable[[], None]) -> tuple[list[Polylines], list[Shape]]:
         """The outlines that `run` hands over, painted or not, without markers and dashes; the drawing gets none of them."""
-        outer = self.collector, self._gathering
-        self.collector, self._gathering = Collector(self.options, self.notes, self.name, self.spent), True
+        outer = self.collector, self.gathering
+        self.collector, self.gathering = Collector(self.options, self.notes, self.name, self.spent), True
         try:
             run()
             return self.collector.finish(), self.collector.shapes
         finally:
-            self.collector, self._gathering = outer
+            self.collector, self.gathering = outer
 
     def _text(self, element: Any, inner: Context) -> None:
-        if self._gathering:
+        if self.gathering:
             self.notes.add("{count} texts inside clip paths or used for their size were left out")
             return
         if not any(text.strip() for text in element.itertext()):
@@ -354,8 +361,8 @@ class Walk:
             self.notes.add("{count} texts were left out; --text outline or --text single draws them")
             return
         layer = self.layer_of(inner)
-        shape = Shape(element, inner.style, layer, inner.matrix, inner.clips)
-        self.texts.append(PendingText(element, inner, self.collector.reserve(shape), layer))
+        shape = Shape(inner.style, layer, inner.matrix, inner.clips)
+        self.texts.append(PendingText(element, inner, self.collector.reserve(element, shape), layer))
 
     def style_in_place(self, element: Any) -> Style:
         """The style of an element as its own ancestors make it, whoever refers to it."""
