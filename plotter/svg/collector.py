@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from plotter.errors import BadInput
 from plotter.svg.clip import Clip
 from plotter.svg.dashes import Dashes
+from plotter.svg.ellipses import flatten_ellipses, point_counts, usual
 from plotter.svg.flatten import FARTHEST_MM, BeyondNumbers, PointBudget, Polylines, flatten
 from plotter.svg.matrix import Matrix
 from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
-from plotter.svg.path_segments import resolve
+from plotter.svg.path_segments import Floats, resolve
 from plotter.svg.path_tokens import ARITY, Commands, parse_paths, with_moves
 from plotter.svg.shapes import ellipses_as_path
 from plotter.svg.style import Style
@@ -121,6 +122,12 @@ class Collector:
     def _flush(self) -> None:
         batch, self._batch = self._batch, _Batch()
         first, self._first = self._first, len(self.shapes)
+        number: dict[int, int] = {}
+        which = np.array([number.setdefault(id(shape), len(number)) for shape in self.shapes[first:]], dtype=np.int64)
+        different = list({id(shape): shape for shape in self.shapes[first:]}.values())
+        matrix = np.array([shape.matrix for shape in different]).reshape(-1, 6)[which]
+        tolerance = np.array([self._tolerance_mm(shape) for shape in different])[which]
+        self._flush_ellipses(batch, first, matrix, tolerance)
         commands, damage = _commands(batch, first)
         for shape, what in damage.items():
             self._notes.add(
@@ -129,26 +136,42 @@ class Collector:
         self._check_finite(commands, first)
         with np.errstate(over="ignore", invalid="ignore"):
             segments = resolve(commands)
-        number: dict[int, int] = {}
-        which = np.array([number.setdefault(id(shape), len(number)) for shape in self.shapes[first:]], dtype=np.int64)
-        different = list({id(shape): shape for shape in self.shapes[first:]}.values())
-        matrix = np.array([shape.matrix for shape in different]).reshape(-1, 6)[which]
-        tolerance = np.array([self._tolerance_mm(shape) for shape in different])[which]
-        budget = self._options.budgets.points
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                made = flatten(segments, matrix, tolerance, budget - self._spent.points)
+                made = flatten(segments, matrix, tolerance, self._options.budgets.points - self._spent.points)
         except BeyondNumbers as error:
             name = self._name_of(first + error.args[0])
             raise BadInput(f"{name} is larger than {FARTHEST_MM / 1e6:g} km; correct its outline or its transform") from None
         except PointBudget as error:
-            raise BadInput(
-                f"the drawing has at least {self._spent.points + error.args[0]} points and the limit is {budget}; "
-                "raise --max-points or --tolerance-curve"
-            ) from None
+            raise self._too_many(error.args[0]) from None
+        self._keep(made, first)
+
+    def _flush_ellipses(self, batch: _Batch, first: int, matrix: Floats, tolerance_mm: Floats) -> None:
+        """The batch's ellipses, but for those of a size that needs to be judged, which stay in the batch."""
+        if not batch.ellipses:
+            return
+        ellipses, shapes = np.array(batch.ellipses).reshape(-1, 4), np.array(batch.ellipse_shapes, dtype=np.int64)
+        own = shapes - first
+        well = usual(ellipses, matrix[own])
+        batch.ellipses, batch.ellipse_shapes = ellipses[~well].ravel().tolist(), shapes[~well].tolist()
+        ellipses, own = ellipses[well], own[well]
+        points = int(point_counts(ellipses, matrix[own], tolerance_mm[own]).sum())
+        if points > self._options.budgets.points - self._spent.points:
+            raise self._too_many(points)
+        made = flatten_ellipses(ellipses, matrix[own], tolerance_mm[own])
+        made.path[:] = own
+        self._keep(made, first)
+
+    def _keep(self, made: Polylines, first: int) -> None:
         self._spent.points += len(made.points)
         made.path[:] += first
         self._done.append(made)
+
+    def _too_many(self, points: int) -> BadInput:
+        return BadInput(
+            f"the drawing has at least {self._spent.points + points} points and the limit is {self._options.budgets.points}; "
+            "raise --max-points or --tolerance-curve"
+        )
 
     def _tolerance_mm(self, shape: Shape) -> float:
         return self._options.tolerance_mm / (_DASHED_FINER if shape.dashes is not None else 1.0)

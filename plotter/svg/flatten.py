@@ -178,15 +178,28 @@ def _pieces(mapped: _Mapped, kind: NDArray[np.uint8], keep: Bools, tolerance_mm:
     bend2 = p[rows, 0] - 2 * p[rows, 1] + p[rows, 3]
     need[rows] = np.sqrt(0.25 / tolerance_mm[rows] * np.hypot(bend2[:, 0], bend2[:, 1]))
     if len(mapped.arc_rows):
-        r = _longest_half_axis(mapped.axis_u, mapped.axis_v)
-        # 2 acos(1 - x) as 4 asin(sqrt(x / 2)), which stays exact where the arc is so flat that 1 - x would be 1.
-        step = 4 * np.arcsin(np.sqrt(np.minimum(tolerance_mm[mapped.arc_rows] / np.maximum(r, NOTHING_MM) / 2, 0.5)))
-        need[mapped.arc_rows] = np.abs(mapped.sweep) / np.minimum(step, np.pi / 4)
-    need = np.ceil(need[keep] * (1 - 1e-12))
+        r = longest_half_axis(mapped.axis_u, mapped.axis_v)
+        need[mapped.arc_rows] = _arc_need(mapped.sweep, r, tolerance_mm[mapped.arc_rows])
+    return _whole(need[keep])
+
+
+def _whole(need: Floats) -> Ints:
+    need = np.ceil(need * (1 - 1e-12))
     return np.clip(np.where(np.isnan(need), _ENDLESS, need), 1, _ENDLESS).astype(np.int64)
 
 
-def _longest_half_axis(u: Floats, v: Floats) -> Floats:
+def arc_steps(sweep: Floats, half_axis_mm: Floats, tolerance_mm: Floats) -> Ints:
+    """Into how many equal steps arcs are cut: of `sweep` radians each, (n,), of ellipses with this longest half axis (n,)."""
+    return _whole(_arc_need(sweep, half_axis_mm, tolerance_mm))
+
+
+def _arc_need(sweep: Floats, half_axis_mm: Floats, tolerance_mm: Floats) -> Floats:
+    # 2 acos(1 - x) as 4 asin(sqrt(x / 2)), which stays exact where the arc is so flat that 1 - x would be 1.
+    step = 4 * np.arcsin(np.sqrt(np.minimum(tolerance_mm / np.maximum(half_axis_mm, NOTHING_MM) / 2, 0.5)))
+    return np.asarray(np.abs(sweep) / np.minimum(step, np.pi / 4))
+
+
+def longest_half_axis(u: Floats, v: Floats) -> Floats:
     """Greatest singular value of the maps whose columns are u and v."""
     sum_ = (u**2).sum(axis=1) + (v**2).sum(axis=1)
     cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
