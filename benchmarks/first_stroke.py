@@ -39,6 +39,7 @@ def first_stroke(file: Path, extra: tuple[str, ...] = ()) -> tuple[float, float,
     with tempfile.TemporaryDirectory() as state, start_virtual_board(keep_wire=False) as board:
         began_s, began_tick = time.monotonic(), board.state()["now_tick"]
         environment = {**os.environ, "XDG_STATE_HOME": state, "XDG_CONFIG_HOME": state}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # what is installed is compiled
         command = [sys.executable, "-c", _PROGRAM, "plot", str(file), "--port", board.port, *extra]
         process = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         try:

@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from planning.geometry.stroke import Stroke
 from planning.geometry.strokes import Ints, ends_mm, lengths_mm, sizes
+from planning.motion.late import hanging_together
 from planning.ordering.metric import Array
 from planning.ordering.route import KICKS_PER_S, KICKS_PER_STROKE, QUICK_STROKES_PER_S, SEAM_ROUNDS, THOROUGH_STROKES_PER_S
 
@@ -83,6 +82,5 @@ def _figures(ends: Array) -> Ints:
     x, y = np.rint(ends.reshape(-1, 2) * 1000).T
     column = np.unique(x, return_inverse=True)[1]
     rows, row = np.unique(y, return_inverse=True)
-    place = np.unique(column * len(rows) + row, return_inverse=True)[1].reshape(count, 2)
-    link = coo_array((np.ones(count, dtype=np.int8), (place[:, 0], place[:, 1])), shape=(2 * count, 2 * count))
-    return np.asarray(connected_components(link, directed=False)[1][place[:, 0]], dtype=np.int64)
+    place: Ints = np.unique(column * len(rows) + row, return_inverse=True)[1].reshape(count, 2)
+    return np.asarray(hanging_together(place[:, 0], place[:, 1], 2 * count)[place[:, 0]])

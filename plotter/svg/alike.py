@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from plotter.svg.collector import Shape
 from plotter.svg.context import Context
 from plotter.svg.matrix import is_singular, multiply, parse_transform
-from plotter.svg.shapes import OUTLINES, SHAPES
+from plotter.svg.shapes import Ellipse, Outline, is_shape, outline
 from plotter.svg.style import Style
 
 if TYPE_CHECKING:
@@ -24,8 +24,6 @@ _HARMLESS = frozenset(("transform", "opacity"))
 _REMEMBERED = 20_000
 # Until the first one is handed on: a layer is there when something is drawn in it.
 _NO_LAYER = -1
-_CIRCLE = ("cx", "cy", "r")
-_LINE = ("x1", "y1", "x2", "y2")
 
 
 class Alike:
@@ -53,36 +51,16 @@ class Alike:
         if isinstance(known, int):
             self._learn(key, known, element, items)
             return False
-        self._walk.count_element()
-        self._hand_on(element, key, known, dict(items))
+        walk, (kind, shape) = self._walk, known
+        walk.count_element()
+        attributes = dict(items)
+        found = _plain(kind, attributes) or outline(kind, attributes, self._context.frame)
+        if found is not None:
+            walk.collector.add(element, self._in_layer(key, kind, shape), found)
         return True
 
-    def _hand_on(self, element: Any, key: Any, known: tuple[str, Shape], attributes: dict[str, str]) -> None:
-        kind, collector = known[0], self._walk.collector
-        if kind in OUTLINES:
-            data = OUTLINES[kind](attributes)
-            if data:
-                collector.add_path(element, self._in_layer(key, known), data)
-            return
-        if kind == "circle":
-            numbers = _plain_numbers(attributes, _CIRCLE)
-            if numbers is not None:
-                x, y, r = numbers
-                if r > 0:
-                    collector.add_ellipse(element, self._in_layer(key, known), (x, y, r, r))
-                return
-        elif kind == "line":
-            numbers = _plain_numbers(attributes, _LINE)
-            if numbers is not None:
-                collector.add_commands(element, self._in_layer(key, known), b"ML", numbers)
-                return
-        outline = SHAPES[kind](attributes.get, self._context.frame)
-        if outline is not None:
-            collector.add_commands(element, self._in_layer(key, known), *outline)
-
-    def _in_layer(self, key: Any, known: tuple[str, Shape]) -> Shape:
+    def _in_layer(self, key: Any, kind: str, shape: Shape) -> Shape:
         """The shape, in the layer in which one outside of all layers comes now: another one after each layer."""
-        kind, shape = known
         if self._context.layer is None:
             layer = self._walk.layer_of(self._context)
             if layer != shape.layer:
@@ -99,7 +77,7 @@ class Alike:
         """What all shapes with these attributes have in common under this parent; None where more must be looked at."""
         walk, context = self._walk, self._context
         kind = walk.kind(element.tag)
-        if kind not in SHAPES and kind not in OUTLINES:
+        if not is_shape(kind):
             return None
         style = walk.cascade.style(element, kind, items, context.style, context.frame)
         if not style.own.keys() <= _HARMLESS or style.font_px != context.frame.font_px:
@@ -129,10 +107,15 @@ def _is_plainly_drawn(walk: Walk, style: Style) -> bool:
     return style.stroke is not None or (style.fill is not None and walk.options.fills != "skip")
 
 
-def _plain_numbers(attributes: dict[str, str], names: tuple[str, ...]) -> list[float] | None:
-    """The values of attributes, when all are there and none has a unit or is beyond numbers."""
+def _plain(kind: str, attributes: dict[str, str]) -> Outline | Ellipse | None:
+    """The outline of a line or a circle, when all of its numbers are there and none has a unit or is beyond numbers."""
     try:
-        values = [float(attributes[name]) for name in names]
+        if kind == "line":
+            ends = [float(attributes["x1"]), float(attributes["y1"]), float(attributes["x2"]), float(attributes["y2"])]
+            return (b"ML", ends) if math.isfinite(sum(ends)) else None
+        if kind == "circle":
+            x, y, r = float(attributes["cx"]), float(attributes["cy"]), float(attributes["r"])
+            return (x, y, r, r) if r > 0 and math.isfinite(x + y + r) else None
     except (KeyError, ValueError):
-        return None
-    return values if math.isfinite(sum(values)) else None
+        pass
+    return None

@@ -12,7 +12,7 @@ from planning.geometry.strokes import Strokes
 from plotter.errors import BadInput
 from plotter.svg.clip import Clip, apply_clips, clipped_area
 from plotter.svg.clip_paths import shape_areas
-from plotter.svg.collector import Shape
+from plotter.svg.collector import Shape, different_shapes
 from plotter.svg.cut import Piece, dash, dash_count
 from plotter.svg.dashes import Dashes, user_lengths
 from plotter.svg.flatten import Polylines
@@ -44,15 +44,16 @@ class _Looks:
 
     def __init__(self, shapes: list[Shape], *, worked_all: bool) -> None:
         codes: dict[str | None, int] = {}
-        self.order = np.array([shape.order for shape in shapes], dtype=np.int64)
+        different, which = different_shapes(shapes)
+        colors = [shape.color or shape.style.color for shape in different]
+        self.color = np.array([codes.setdefault(color, len(codes)) for color in colors], dtype=np.int64)[which]
+        self.palette = list(codes)
+        self.order = np.array([shape.order for shape in different], dtype=np.int64)[which]
         own = self.order < 0
         self.order[own] = np.flatnonzero(own)
-        self.layer = np.array([shape.layer for shape in shapes], dtype=np.int64)
-        self.worked = np.array([worked_all or bool(shape.clips or shape.dashes) for shape in shapes], dtype=bool)
-        colors = [shape.color or shape.style.color for shape in shapes]
-        self.color = np.array([codes.setdefault(color, len(codes)) for color in colors], dtype=np.int64)
-        self.palette = list(codes)
-        self.dotless = np.array([_is_dotless(shape.style) for shape in shapes], dtype=bool)
+        self.layer = np.array([shape.layer for shape in different], dtype=np.int64)[which]
+        self.worked = np.array([worked_all or bool(shape.clips or shape.dashes) for shape in different], dtype=bool)[which]
+        self.dotless = np.array([_is_dotless(shape.style) for shape in different], dtype=bool)[which]
 
 
 def _is_dotless(style: Style) -> bool:

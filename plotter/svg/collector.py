@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,7 +19,7 @@ from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
 from plotter.svg.path_segments import Floats, resolve
 from plotter.svg.path_tokens import ARITY, Commands, parse_paths, with_moves
-from plotter.svg.shapes import ellipses_as_path
+from plotter.svg.shapes import Ellipse, Outline, ellipses_as_path
 from plotter.svg.style import Style
 
 _BATCH_CHARACTERS = 2_000_000
@@ -40,6 +40,12 @@ class Shape:
     dashes: Dashes | None = None
     order: int = -1
     color: str | None = None
+
+
+def different_shapes(shapes: list[Shape]) -> tuple[list[Shape], NDArray[np.int64]]:
+    """Each of `shapes` once, and which of these each one is: most drawings have few, each very often."""
+    _, first, which = np.unique(np.fromiter(map(id, shapes), np.int64, len(shapes)), return_index=True, return_inverse=True)
+    return [shapes[i] for i in first.tolist()], which.ravel()
 
 
 @dataclass(slots=True)
@@ -75,6 +81,15 @@ class Collector:
         self._spent = spent
         self._first = 0
 
+    def add(self, element: Any, shape: Shape, outline: str | Outline | Ellipse) -> None:
+        """One outline, as `shapes.outline` gives it; `element` is what messages name it after."""
+        if isinstance(outline, str):
+            self.add_path(element, shape, outline)
+        elif len(outline) == 2:
+            self.add_commands(element, shape, *outline)
+        else:
+            self.add_ellipse(element, shape, outline)
+
     def add_path(self, element: Any, shape: Shape, data: str) -> None:
         batch = self._batch
         batch.texts.append(data)
@@ -85,7 +100,7 @@ class Collector:
         if batch.characters > _BATCH_CHARACTERS:
             self._flush()
 
-    def add_commands(self, element: Any, shape: Shape, codes: bytes, numbers: list[float]) -> None:
+    def add_commands(self, element: Any, shape: Shape, codes: bytes, numbers: Sequence[float]) -> None:
         """Absolute commands, a move before each subpath."""
         batch = self._batch
         batch.codes.append(codes)
@@ -96,7 +111,7 @@ class Collector:
         if len(batch.numbers) > _BATCH_NUMBERS:
             self._flush()
 
-    def add_ellipse(self, element: Any, shape: Shape, ellipse: tuple[float, float, float, float]) -> None:
+    def add_ellipse(self, element: Any, shape: Shape, ellipse: Ellipse) -> None:
         """`ellipse` is its centre, x and y, and its two radii, both positive."""
         batch = self._batch
         batch.ellipses.extend(ellipse)
@@ -122,9 +137,7 @@ class Collector:
     def _flush(self) -> None:
         batch, self._batch = self._batch, _Batch()
         first, self._first = self._first, len(self.shapes)
-        number: dict[int, int] = {}
-        which = np.array([number.setdefault(id(shape), len(number)) for shape in self.shapes[first:]], dtype=np.int64)
-        different = list({id(shape): shape for shape in self.shapes[first:]}.values())
+        different, which = different_shapes(self.shapes[first:])
         matrix = np.array([shape.matrix for shape in different]).reshape(-1, 6)[which]
         tolerance = np.array([self._tolerance_mm(shape) for shape in different])[which]
         self._flush_ellipses(batch, first, matrix, tolerance)

@@ -47,6 +47,9 @@ def flatten(segments: Segments, matrix: Floats, tolerance_mm: float | Floats, po
     Raises BeyondNumbers where a segment is beyond reason, and PointBudget, before anything is allocated, where more than
     `point_budget` points would be made.
     """
+    paths = len(matrix)
+    if paths > 1 and (matrix == matrix[0]).all():
+        matrix = matrix[:1]
     mapped = _to_page(segments, matrix)
     keep = mapped.extent > np.where(segments.closing, ROUNDING_MM, NOTHING_MM)
     snapped = np.zeros(len(segments.path), bool)
@@ -55,7 +58,7 @@ def flatten(segments: Segments, matrix: Floats, tolerance_mm: float | Floats, po
     used[segments.subpath[keep]] = True
     dot = segments.drawn & ~used
     wanted = used | dot
-    each_tolerance_mm = np.broadcast_to(tolerance_mm, len(matrix))[segments.path[segments.subpath]]
+    each_tolerance_mm = np.broadcast_to(tolerance_mm, paths)[segments.path[segments.subpath]]
     pieces = _pieces(mapped, segments.kind, keep, each_tolerance_mm)
     beyond = np.flatnonzero(~(mapped.extent < FARTHEST_MM))
     if len(beyond):
@@ -69,9 +72,8 @@ def flatten(segments: Segments, matrix: Floats, tolerance_mm: float | Floats, po
     count = np.ones(int(wanted.sum()), np.int64)
     np.add.at(count, sub, pieces)
     offset = np.concatenate(([0], np.cumsum(count)))
-    matrices = matrix[segments.path[wanted]]
     out = np.empty((total, 2))
-    out[offset[:-1]] = _map(segments.start[wanted], matrices)
+    out[offset[:-1]] = _map(segments.start[wanted], _of_each(matrix, segments.path[wanted]))
     last = np.cumsum(pieces) + sub
     kind, points = (segments.kind, mapped.points) if keep.all() else (segments.kind[keep], mapped.points[keep])
     _write_curves(out, kind, points, mapped.arcs(keep), last, pieces)
@@ -135,8 +137,7 @@ def _map(points: Floats, matrix: Floats, *, linear: bool = False) -> Floats:
 
 
 def _to_page(segments: Segments, matrix: Floats) -> _Mapped:
-    # One path needs one matrix, not a copy of it for each of a million segments.
-    m = matrix if len(matrix) == 1 else matrix[segments.path[segments.subpath]]
+    m = _of_each(matrix, segments.path[segments.subpath])
     points = np.empty_like(segments.points)
     points[:, 0] = points[:, 1] = _map(segments.points[:, 0], m)
     points[:, 3] = points[:, 2] = _map(segments.points[:, 3], m)
@@ -144,17 +145,22 @@ def _to_page(segments: Segments, matrix: Floats) -> _Mapped:
     extent = _greater(points[:, 3] - points[:, 0])
     curve = np.flatnonzero((segments.kind == CUBIC) | (segments.kind == QUADRATIC))
     if len(curve):
-        m_curve = m if len(m) == 1 else m[curve]
+        m_curve = _of_each(m, curve)
         quadratic = segments.kind[curve] == QUADRATIC
         points[curve, 1] = _map(segments.points[curve, 1], m_curve)
         points[curve, 2] = np.where(quadratic[:, None], points[curve, 1], _map(segments.points[curve, 2], m_curve))
         for i in (1, 2):
             extent[curve] = np.maximum(extent[curve], _greater(points[curve, i] - points[curve, 0]))
     arc = np.flatnonzero(segments.kind == ARC)
-    m_arc = m if len(m) == 1 else m[arc]
+    m_arc = _of_each(m, arc)
     u, v = _map(segments.axis_u, m_arc, linear=True), _map(segments.axis_v, m_arc, linear=True)
     extent[arc] = np.maximum(_greater(u), _greater(v)) * np.minimum(1, np.abs(segments.sweep))
     return _Mapped(points, extent, arc, _map(segments.centre, m_arc), u, v, segments.angle, segments.sweep)
+
+
+def _of_each(matrix: Floats, rows: Ints) -> Floats:
+    """`matrix[rows]`; one that all have in common is not copied for each of a million."""
+    return matrix if len(matrix) == 1 else matrix[rows]
 
 
 def _greater(vectors: Floats) -> Floats:
@@ -273,7 +279,7 @@ def _tangents(points: Floats, arcs: _Arcs) -> tuple[Floats, Floats]:
     leaving = points[:, 3] - points[:, 0]
     arriving = leaving.copy()
     # Of a line, whose controls are its ends, that is all; of a curve only what is left where controls lie on its ends.
-    curve = np.flatnonzero((points[:, 1] != points[:, 0]).any(axis=1) | (points[:, 2] != points[:, 3]).any(axis=1))
+    curve = np.flatnonzero(_differ(points[:, 1], points[:, 0]) | _differ(points[:, 2], points[:, 3]))
     if len(curve):
         p = points[curve]
         out, into = p[:, 1] - p[:, 0], p[:, 3] - p[:, 2]
@@ -291,7 +297,11 @@ def _tangents(points: Floats, arcs: _Arcs) -> tuple[Floats, Floats]:
     return arriving, leaving
 
 
+def _differ(one: Floats, other: Floats) -> Bools:
+    return np.asarray((one[:, 0] != other[:, 0]) | (one[:, 1] != other[:, 1]))
+
+
 def _turns(before: Floats, after: Floats) -> Bools:
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    along = (before * after).sum(axis=1)
+    along = before[:, 0] * after[:, 0] + before[:, 1] * after[:, 1]
     return np.asarray(np.abs(np.arctan2(cross, along)) > SMOOTH_JOIN_RAD)

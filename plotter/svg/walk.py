@@ -23,7 +23,7 @@ from plotter.svg.marker_walk import Markers
 from plotter.svg.matrix import IDENTITY, Matrix, is_singular, multiply, parse_transform, translation
 from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
-from plotter.svg.shapes import OUTLINES, SHAPES, path_text
+from plotter.svg.shapes import is_shape, outline, path_text
 from plotter.svg.style import GEOMETRY, Cascade, Style, root_style
 from plotter.svg.viewport import fit_view_box, parse_view_box
 
@@ -189,7 +189,7 @@ class Walk:
                 return
             if "clip-path" in style.own:
                 clips = self.clip_paths.add(clips, element, kind, attributes, style, matrix, context)
-        if kind in SHAPES or kind in OUTLINES:
+        if is_shape(kind):
             self.shape(element, kind, attributes, style, matrix, clips, context)
             return
         if context.level >= self.options.budgets.nesting:
@@ -284,12 +284,8 @@ class Walk:
         frame = context.frame if style.font_px == context.frame.font_px else replace(context.frame, font_px=style.font_px)
         if style.own:
             attributes.update((name, value) for name, value in style.own.items() if name in GEOMETRY)
-        if kind in SHAPES:
-            outline = SHAPES[kind](attributes.get, frame)
-        else:
-            outline = None
-            data = OUTLINES[kind](attributes)
-        if outline is None and (kind in SHAPES or not data):
+        found = outline(kind, attributes, frame)
+        if found is None:
             return
         drawn = self._is_drawn(style)
         layer = self.layer_of(context)
@@ -297,14 +293,10 @@ class Walk:
             dashes = None
             if "stroke-dasharray" in style.inherited and not self.gathering:
                 dashes = dashes_of(style, frame, attributes.get("pathLength"))
-            one = Shape(style, layer, matrix, clips, dashes)
-            if outline is not None:
-                self.collector.add_commands(element, one, *outline)
-            else:
-                self.collector.add_path(element, one, data)
+            self.collector.add(element, Shape(style, layer, matrix, clips, dashes), found)
         if not self.gathering and style.visible and self.markers.wanted(kind, style):
             here = Context(matrix, style, frame, layer, clips, context.level + 1, context.uses)
-            self.markers.draw(element, data if outline is None else path_text(*outline), here)
+            self.markers.draw(element, path_text(found), here)
 
     def layer_of(self, context: Context) -> int:
         if context.layer is not None:
