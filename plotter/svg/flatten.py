@@ -146,9 +146,10 @@ def _to_page(segments: Segments, matrix: Floats) -> _Mapped:
     curve = np.flatnonzero((segments.kind == CUBIC) | (segments.kind == QUADRATIC))
     if len(curve):
         m_curve = _of_each(m, curve)
-        quadratic = segments.kind[curve] == QUADRATIC
         points[curve, 1] = _map(segments.points[curve, 1], m_curve)
-        points[curve, 2] = np.where(quadratic[:, None], points[curve, 1], _map(segments.points[curve, 2], m_curve))
+        points[curve, 2] = _map(segments.points[curve, 2], m_curve)
+        quadratic = curve[segments.kind[curve] == QUADRATIC]
+        points[quadratic, 2] = points[quadratic, 1]
         for i in (1, 2):
             extent[curve] = np.maximum(extent[curve], _greater(points[curve, i] - points[curve, 0]))
     arc = np.flatnonzero(segments.kind == ARC)
@@ -281,7 +282,7 @@ def _tangents(points: Floats, arcs: _Arcs) -> tuple[Floats, Floats]:
     # Of a line, whose controls are its ends, that is all; of a curve only what is left where controls lie on its ends.
     curve = np.flatnonzero(_differ(points[:, 1], points[:, 0]) | _differ(points[:, 2], points[:, 3]))
     if len(curve):
-        p = points[curve]
+        p = points if len(curve) == len(points) else points[curve]
         out, into = p[:, 1] - p[:, 0], p[:, 3] - p[:, 2]
         for i in (2, 3):
             stuck = _greater(out) <= NOTHING_MM
