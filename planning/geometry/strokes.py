@@ -26,7 +26,7 @@ class Strokes(Sequence[Stroke]):
     Raises ValueError for shapes that do not fit together, or a coordinate that is not finite.
     """
 
-    __slots__ = ("color", "corners", "offset", "palette", "points_mm")
+    __slots__ = ("_lengths_mm", "color", "corners", "offset", "palette", "points_mm")
 
     def __init__(self, points_mm: Points, corners: Mask, offset: Ints, color: Ints, palette: tuple[str | None, ...]) -> None:
         count = len(points_mm)
@@ -39,6 +39,7 @@ class Strokes(Sequence[Stroke]):
         if not np.isfinite(points_mm).all():
             raise ValueError("strokes' points must be finite")
         self.points_mm, self.corners, self.offset, self.color, self.palette = points_mm, corners, offset, color, palette
+        self._lengths_mm: Points | None = None
 
     def __len__(self) -> int:
         return len(self.color)
@@ -63,6 +64,13 @@ class Strokes(Sequence[Stroke]):
     def sizes(self) -> Ints:
         """How many points each has, (k,)."""
         return np.diff(self.offset)
+
+    @property
+    def lengths_mm(self) -> Points:
+        """How long each is, (k,); reckoned once, as the opening and the progress bar both ask."""
+        if self._lengths_mm is None:
+            self._lengths_mm = _lengths_mm(self.points_mm, self.sizes)
+        return self._lengths_mm
 
     @property
     def colors(self) -> tuple[str | None, ...]:
@@ -114,15 +122,20 @@ def ends_mm(strokes: Sequence[Stroke]) -> Points:
 
 def lengths_mm(strokes: Sequence[Stroke]) -> Points:
     """Each stroke's length, (n,)."""
-    if not len(strokes):
+    if isinstance(strokes, Strokes):
+        return strokes.lengths_mm
+    return _lengths_mm(all_points_mm(strokes), sizes(strokes))
+
+
+def _lengths_mm(points_mm: Points, size: Ints) -> Points:
+    if not len(size):
         return np.zeros(0)
-    points = all_points_mm(strokes)
-    end = np.cumsum(sizes(strokes))
-    step = np.diff(points, axis=0)
-    way = np.empty(len(points))
+    step = np.diff(points_mm, axis=0)
+    way = np.empty(len(points_mm))
     way[:-1] = np.sqrt(step[:, 0] ** 2 + step[:, 1] ** 2)  # several times as fast as hypot, which guards numbers beyond 1e150
+    end = np.cumsum(size)
     way[end - 1] = 0.0  # from one stroke to the next
-    return np.asarray(np.add.reduceat(way, end - sizes(strokes)))
+    return np.asarray(np.add.reduceat(way, end - size))
 
 
 def all_points_mm(strokes: Sequence[Stroke]) -> Points:
