@@ -11,12 +11,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
+from planning.geometry.stroke import Points
 
 SAMPLES = sorted((Path(__file__).parents[1] / "samples").glob("*.svg"))
 _DEADLINE_S = 120.0
@@ -38,6 +39,7 @@ def first_stroke(file: Path, extra: tuple[str, ...] = ()) -> tuple[float, float,
     with tempfile.TemporaryDirectory() as state, start_virtual_board(keep_wire=False) as board:
         began_s, began_tick = time.monotonic(), board.state()["now_tick"]
         environment = {**os.environ, "XDG_STATE_HOME": state, "XDG_CONFIG_HOME": state}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # what is installed is compiled
         command = [sys.executable, "-c", _PROGRAM, "plot", str(file), "--port", board.port, *extra]
         process = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         try:
@@ -64,13 +66,14 @@ def _wait_for_motion(board: VirtualBoard, process: subprocess.Popen[bytes], bega
 
 
 def large(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Generated drawings, as large as people bring."""
+    """Generated drawings, as large as people bring; each is written when it is asked for."""
     rng = np.random.default_rng(1)
-    for count in (1_000, 10_000, 100_000):
+    for count in (1_000, 10_000, 100_000, 300_000):
         begin = rng.uniform((5, 5), (275, 195), (count, 2))
         end = np.clip(begin + rng.normal(0, 2, (count, 2)), 0.5, 199)
-        lines = (f'<path d="M{a:.2f} {b:.2f}L{c:.2f} {d:.2f}"/>' for (a, b), (c, d) in zip(begin, end, strict=True))
-        yield f"{count:,} strokes", _written(folder / f"{count}.svg", lines)
+        yield f"{count:,} paths of one line", _written(folder / "paths.svg", (f'<path d="{d}"/>' for d in _moves(begin, end)))
+        if count == 100_000:
+            yield from _kinds(folder, begin, end, rng)
     turn = np.linspace(0, 1, 100_000)
     spiral = (140 + 90j + 10 + (2 + 85 * turn) * np.exp(2j * np.pi * 300 * turn)).tolist()
     yield "a stroke of 100,000 vertices", _written(folder / "vertices.svg", [_polyline((z.real, z.imag) for z in spiral)])
@@ -78,13 +81,31 @@ def large(folder: Path) -> Iterator[tuple[str, Path]]:
     yield "20 MB, 1,200,000 vertices", _written(folder / "20mb.svg", (_polyline(np.clip(w, 1, 199)) for w in walks))
 
 
-def _polyline(points: object) -> str:
-    return '<polyline points="' + " ".join(f"{x:.5f},{y:.5f}" for x, y in points) + '"/>'  # type: ignore[attr-defined]
+def _kinds(folder: Path, begin: Points, end: Points, rng: np.random.Generator) -> Iterator[tuple[str, Path]]:
+    """As many strokes as there are rows in `begin` and `end` (n, 2), written in the other ways in which programs write them."""
+    count = len(begin)
+    ends = np.hstack((begin, end)).tolist()
+    lines = (f'<line x1="{a:.2f}" y1="{b:.2f}" x2="{c:.2f}" y2="{d:.2f}"/>' for a, b, c, d in ends)
+    yield f"{count:,} lines", _written(folder / "lines.svg", lines)
+    yield f"one path of {count:,} subpaths", _written(folder / "subpaths.svg", [f'<path d="{"".join(_moves(begin, end))}"/>'])
+    sizes = rng.uniform(0.2, 1, count).tolist()
+    circles = (f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{r:.2f}"/>' for (x, y), r in zip(begin.tolist(), sizes, strict=True))
+    yield f"{count:,} circles", _written(folder / "circles.svg", circles)
+    walks = (np.clip(at + np.cumsum(rng.normal(0, 0.4, (10, 2)), axis=0), 1, 199) for at in begin)
+    yield f"{count:,} polylines of 10 points", _written(folder / "polylines.svg", (_polyline(walk, 2) for walk in walks))
 
 
-def _written(file: Path, lines: object) -> Path:
+def _moves(begin: Points, end: Points) -> Iterator[str]:
+    return (f"M{a:.2f} {b:.2f}L{c:.2f} {d:.2f}" for a, b, c, d in np.hstack((begin, end)).tolist())
+
+
+def _polyline(points: Iterable[tuple[float, float]] | Points, digits: int = 5) -> str:
+    return '<polyline points="' + " ".join(f"{x:.{digits}f},{y:.{digits}f}" for x, y in points) + '"/>'
+
+
+def _written(file: Path, shapes: Iterable[str]) -> Path:
     head = (
         '<svg xmlns="http://www.w3.org/2000/svg" width="280mm" height="200mm" viewBox="0 0 280 200" fill="none" stroke="black">'
     )
-    file.write_text("\n".join([head, *lines, "</svg>"]))  # type: ignore[misc]
+    file.write_text("\n".join([head, *shapes, "</svg>"]))
     return file

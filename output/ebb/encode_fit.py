@@ -13,10 +13,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solveh_banded
 
 from output.ebb.arithmetic import ONE_STEP
 from output.ebb.encode_pieces import Borders, extremes, jerks, slack_rate
+from planning.motion.late import solveh_banded
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

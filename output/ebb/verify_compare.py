@@ -7,7 +7,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+
+from planning.motion.late import tree_of
 
 Array = NDArray[np.float64]
 
@@ -72,5 +73,5 @@ def _length(strokes: Sequence[Array]) -> float:
 
 
 def _deviation(points: Array, others: Array) -> Deviation:
-    distance = np.asarray(cKDTree(others).query(points)[0])
+    distance = np.asarray(tree_of(others).query(points)[0])
     return Deviation(float(distance.mean()), float(np.percentile(distance, 99)), float(distance.max()))

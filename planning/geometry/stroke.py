@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,10 +56,13 @@ class Stroke:
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """Strokes that are drawn together, in the order given. `number` is the layer's own number in the file's order, from 1."""
+    """Strokes that are drawn together, in the order given: a tuple, or `Strokes`, which holds very many of them in arrays.
+
+    `number` is the layer's own number in the file's order, from 1.
+    """
 
     number: int
     name: str
-    strokes: tuple[Stroke, ...]
+    strokes: Sequence[Stroke]
     color: str | None = None
     pause_before: bool = False

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solveh_banded
 
+from planning.motion.late import solveh_banded
 from planning.motion.spline import Array, Ints, Layout
 
 BANDS = 7

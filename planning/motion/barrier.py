@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solveh_banded
 
 from planning.motion import banded, spline
+from planning.motion.late import solveh_banded
 from planning.motion.path import Array, Ints, Mask
 
 # A weak wish to be where the profile is: the mean square of the distance along the path over the tolerance, against u.

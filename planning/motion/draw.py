@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from planning.errors import ImpossiblePlan
 from planning.geometry.stroke import Stroke
@@ -21,6 +20,7 @@ from planning.motion.plan import TICK_S, Motion, joined_motion, still
 from planning.motion.speed import speed_caps
 from planning.motion.travel import straight
 from planning.motion.tube import Section, Tuning, fit_sections, knot_spacing_s
+from planning.motion.windows import highest_around
 
 # A longer stroke is planned in windows: memory and work then grow with the window, and its first part is out soon.
 LONG_VERTICES, LONG_S = 600, 10.0
@@ -237,7 +237,7 @@ def _cut(section: Section, fit: Fit, ahead_s: float, limits: Limits) -> int | No
         return None
     paths = path_set([section.points_mm], [section.corners], limits.tolerance_mm)
     # Calm around the knot too: whoever makes commands of the motion may not want one to end just here.
-    acceleration = maximum_filter1d(np.hypot(*fit.acceleration_mm_s2.T), 5)
+    acceleration = highest_around(np.hypot(*fit.acceleration_mm_s2.T), 5)
     choice = np.flatnonzero((time >= latest - 0.5 * ahead_s) & (time <= latest))
     for cut in choice[np.argsort(acceleration[choice])][:MOST_CUTS].tolist():
         if _visits(paths, fit.between(0, cut), section, limits):

@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from planning.motion import interior, spline
 from planning.motion.fit import Fit
 from planning.motion.levelling import AIM_SPEED, FEWEST_INTERVALS, Block, Levelling, knots, spliced
 from planning.motion.path import Array
 from planning.motion.plan import TICK_S
+from planning.motion.windows import even_over_three, highest_around
 
 # Turn by turn: how much faster or slower any place becomes at most, and what part of the way to its bounds it goes.
 STEPS = (0.08, 0.05, 0.03)
@@ -134,7 +134,7 @@ def _slack(levelling: Levelling, owner: int, fit: Fit, miss: Array, root: Block,
     fine = np.arange(0.5, max(1.0, clock[-1] / spacing)) * spacing
     piece = np.clip(np.searchsorted(clock, fine, side="right") - 1, 0, len(h) - 1)
     width = 2 * int(np.ceil(0.5 * levelling.window_s / spacing)) + 1
-    used = uniform_filter1d(maximum_filter1d(used[piece], width), 3)
+    used = even_over_three(highest_around(used[piece], width))
     factor = np.clip(used / USE, 1.0 - STEPS[turn], 1.0 + STEPS[turn]) ** GAINS[turn]
     edge = np.concatenate(([0.0], fine[:-1] + 0.5 * spacing, clock[-1:]))
     wanted = np.interp(clock, edge, np.concatenate(([0.0], np.cumsum(factor * np.diff(edge)))))

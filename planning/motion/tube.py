@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.linalg import LinAlgError
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from planning.motion import interior, spline
 from planning.motion.fit import Fit
@@ -26,6 +25,7 @@ from planning.motion.limits import Kinematics, Limits
 from planning.motion.path import Array, Ints, Mask, path_set
 from planning.motion.plan import TICK_S
 from planning.motion.speed import Grid, fastest, make_grid, speed_caps
+from planning.motion.windows import even_over_three, highest_around
 
 STAGES = 24
 ROUNDS = 8
@@ -222,7 +222,7 @@ class _Solver:
 
     def _widely(self, bad: Mask) -> Mask:
         """The bad places with a margin on both sides."""
-        return np.asarray(maximum_filter1d(bad.astype(np.int8), 2 * self.margin + 1, mode="constant") > 0)
+        return np.asarray(highest_around(bad, 2 * self.margin + 1))
 
     def _patched(self, block: Block, draft: Fit, bad: Mask) -> list[Block]:
         """Keep the good part of this draft and cut its bad places out."""
@@ -338,7 +338,7 @@ class _Solver:
         inner = lay.is_interval & (np.arange(len(s)) > lay.first[lay.block]) & ~fine[lay.block]
         third[~(inner & np.append(inner[2:], (False, False)))] = np.inf
         width = 2 * int(np.ceil(self.window_s / self.spacing_s)) + 3
-        wanted = maximum_filter1d(third, width)
+        wanted = highest_around(third, width)
         merge = np.where(
             wanted < CALM_JERK[0], 4.0, np.where(wanted < CALM_JERK[1], 3.0, np.where(wanted < CALM_JERK[2], 2.0, 1.0))
         )
@@ -366,7 +366,7 @@ class _Solver:
         """Slow the profile around the places that are over their bounds, more boldly the longer a block has been at it."""
         rows = best.rows
         width = 2 * int(np.ceil(0.5 * self.window_s / self.spacing_s)) + 1
-        spread = uniform_filter1d(maximum_filter1d(np.maximum(best.over, 1.0), width), 3)
+        spread = even_over_three(highest_around(np.maximum(best.over, 1.0), width))
         stage = np.array([b.stage for b in rows.blocks])[rows.lay.block]
         step = np.where(stage < 4, 0.4, np.where(stage < 8, 0.64, 1.0)) * np.log(np.maximum(spread, 1.0))
         patch = np.array([b.root is not None for b in rows.blocks])[rows.lay.block]

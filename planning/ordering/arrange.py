@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from planning.geometry.stroke import Layer, Stroke
+from planning.geometry.strokes import by_color, chosen, ends_mm, together
 from planning.ordering.cutting import cut, interleaved
 from planning.ordering.duplicates import draw_once
 from planning.ordering.improve import Stop, never
@@ -111,7 +112,7 @@ def order_in_turn(
         arranged.sort(key=_number_of)
     if options.reverse:
         arranged.reverse()
-    grouped = [_colour_groups(layer.strokes) for layer in arranged]
+    grouped = [by_color(layer.strokes) for layer in arranged]
     if options.reverse:
         for groups in grouped:
             groups.reverse()
@@ -120,7 +121,7 @@ def order_in_turn(
     at_mm = np.asarray(start_mm, dtype=np.float64)
     last_mm = None if end_mm is None else np.asarray(end_mm, dtype=np.float64)
     left = sum(len(groups) for groups in grouped)
-    following = iter([*[_ends_mm(group) for groups in grouped for group in groups][1:], None])
+    following = iter([*[ends_mm(group).reshape(-1, 2) for groups in grouped for group in groups][1:], None])
     ahead_s = 0.0  # drawing given out, less the ordering since then
     for layer, groups in zip(arranged, grouped, strict=True):
         strokes: list[Stroke] = []
@@ -153,7 +154,7 @@ def merged(pieces: Sequence[Layer]) -> tuple[Layer, ...]:
     result: list[Layer] = []
     for piece in pieces:
         if result and result[-1].number == piece.number and not piece.pause_before:
-            result[-1] = replace(result[-1], strokes=result[-1].strokes + piece.strokes)
+            result[-1] = replace(result[-1], strokes=(*result[-1].strokes, *piece.strokes))
         else:
             result.append(piece)
     return tuple(result)
@@ -170,8 +171,8 @@ def _piece(layer: Layer, strokes: list[Stroke], begun: bool) -> Layer:
 
 
 def _opened(
-    group: list[Stroke], options: OrderOptions, way: Way, work: Work, lead_s: float, pace: Pace
-) -> tuple[list[Stroke], list[Stroke]]:
+    group: Sequence[Stroke], options: OrderOptions, way: Way, work: Work, lead_s: float, pace: Pace
+) -> tuple[list[Stroke], Sequence[Stroke]]:
     """The group's opening as it will be drawn, and the strokes that are left for later. Never further than the file's order."""
     if lead_s <= 0 or options.interleave or options.order == "random":
         return [], group
@@ -179,13 +180,12 @@ def _opened(
     small = replace(work, budget_s=min(work.budget_s, BUDGET_S))
     for near in (True, False) if options.order != "none" else (False,):
         numbers = opening(asked, way.start_mm, lead_s, pace, near=near)
-        chosen = set(numbers)
-        rest = [stroke for k, stroke in enumerate(asked) if k not in chosen]
         if not numbers:
             return [], group
+        rest = chosen(asked, np.delete(np.arange(len(asked)), numbers))
         plain = replace(options, reverse=False) if near else replace(options, reverse=False, order="none")
-        first = _order_group([asked[k] for k in numbers], plain, way, small)
-        if not near or way.cost([*first, *rest]) <= way.cost(asked):
+        first = _order_group(chosen(asked, np.array(numbers)), plain, way, small)
+        if not near or way.cost(first, rest) <= way.cost(asked):
             return first, rest[::-1] if asked is not group else rest
     raise AssertionError("the first strokes in the file's order are no further than the file's order")
 
@@ -199,24 +199,12 @@ def _deadline(clock: Callable[[], float] | None, budget_s: float) -> Stop:
 
 def _by_color(layers: Sequence[Layer]) -> list[Layer]:
     """One layer for each colour of the drawing, by its first stroke, numbered from 1 and named after the colour."""
-    groups = _colour_groups([stroke for layer in layers for stroke in layer.strokes])
+    groups = by_color(together(layer.strokes for layer in layers))
     pause = any(layer.pause_before for layer in layers)
     return [
-        Layer(number, group[0].color or "no color", tuple(group), group[0].color, pause)
+        Layer(number, group[0].color or "no color", group, group[0].color, pause)
         for number, group in enumerate(groups, start=1)
     ]
-
-
-def _colour_groups(strokes: Sequence[Stroke]) -> list[list[Stroke]]:
-    groups: dict[str | None, list[Stroke]] = {}
-    for stroke in strokes:
-        groups.setdefault(stroke.color, []).append(stroke)
-    return list(groups.values())
-
-
-def _ends_mm(strokes: list[Stroke]) -> Array:
-    """Where the pen may begin with these strokes, (n, 2)."""
-    return np.array([point for stroke in strokes for point in (stroke.points_mm[0], stroke.points_mm[-1])])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -228,11 +216,12 @@ class Way:
     end_mm: Array | None = None
     following_mm: Array | None = None
 
-    def cost(self, strokes: Sequence[Stroke]) -> float:
-        """What travel costs, at least one stroke drawn in this order, and on to the nearest of what follows."""
-        total = travel(strokes, self.start_mm, self.metric, self.end_mm)
+    def cost(self, *parts: Sequence[Stroke]) -> float:
+        """What travel costs, at least one stroke drawn in this order, part by part, and on to the nearest of what follows."""
+        ends = np.concatenate([ends_mm(part) for part in parts])
+        total = _travel(ends, self.start_mm, self.metric, self.end_mm)
         if self.end_mm is None and self.following_mm is not None:
-            total += float(self.metric(strokes[-1].points_mm[-1:], self.following_mm).min())
+            total += float(self.metric(ends[-1:, 1], self.following_mm).min())
         return total
 
 
@@ -249,10 +238,10 @@ def _routed(joined: list[Stroke], options: OrderOptions, way: Way, work: Work) -
 
 
 def _order_group(
-    strokes: list[Stroke], options: OrderOptions, way: Way, work: Work, drawn: Sequence[Stroke] = ()
+    strokes: Sequence[Stroke], options: OrderOptions, way: Way, work: Work, drawn: Sequence[Stroke] = ()
 ) -> list[Stroke]:
     """The strokes of one colour as they will be drawn: at least one, unless what was `drawn` before covers them."""
-    once = strokes if options.keep_duplicates else draw_once(strokes, drawn)
+    once = list(strokes) if options.keep_duplicates else draw_once(strokes, drawn)
     if not once:
         return []
     rng = np.random.default_rng(options.seed)
@@ -281,10 +270,13 @@ def _order_group(
 
 def travel(strokes: Sequence[Stroke], start_mm: Array, metric: Metric = euclidean, end_mm: Array | None = None) -> float:
     """What the pen-up travel costs, from `start_mm` (2,) through the strokes and on to `end_mm` (2,), when given."""
-    if not strokes:
+    return _travel(ends_mm(strokes), start_mm, metric, end_mm)
+
+
+def _travel(ends: Array, start_mm: Array, metric: Metric, end_mm: Array | None) -> float:
+    if not len(ends):
         return 0.0
-    starts = np.array([s.points_mm[0] for s in strokes])
-    ends = np.array([s.points_mm[-1] for s in strokes])
-    total = metric(np.concatenate((np.asarray(start_mm, dtype=np.float64)[None], ends[:-1])), starts).sum()
-    home = 0.0 if end_mm is None else metric(ends[-1:], np.asarray(end_mm, dtype=np.float64)[None]).sum()
+    starts, feet = ends[:, 0], ends[:, 1]
+    total = metric(np.concatenate((np.asarray(start_mm, dtype=np.float64)[None], feet[:-1])), starts).sum()
+    home = 0.0 if end_mm is None else metric(feet[-1:], np.asarray(end_mm, dtype=np.float64)[None]).sum()
     return float(total + home)

@@ -15,8 +15,8 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from planning.motion.late import tree_of
 from planning.ordering.metric import Array, Metric
 
 Nodes = NDArray[np.int64]
@@ -57,7 +57,7 @@ def _candidates(points_mm: Array, free: Nodes, tail: Nodes, metric: Metric) -> I
     order, rank = coincident(points_mm[free])
     some = np.sort(order[rank < AT_ONE_POINT])
     near = min(NEIGHBOURS + 1, len(some))
-    index = np.asarray(cKDTree(points_mm[free[some]]).query(points_mm[free[some]], near)[1])
+    index = np.asarray(tree_of(points_mm[free[some]]).query(points_mm[free[some]], near)[1])
     u, v = [np.repeat(free[some], near)], [free[some][index.ravel()]]
     for apart in (1, 2):  # the rest of a crowd at one point stand next to each other in `order`
         crowd = np.flatnonzero(rank[apart:] >= np.maximum(AT_ONE_POINT, apart))

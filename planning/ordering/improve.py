@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from planning.motion.late import tree_of
 from planning.ordering.greedy import AT_ONE_POINT, Nodes, coincident
 from planning.ordering.metric import Array, Metric
 from planning.ordering.tour import Pair, Tour
@@ -63,7 +63,7 @@ def near_nodes(points_mm: Array, count: int, free_end: bool) -> Nodes:
     order, rank = coincident(points_mm[first:])
     nodes = np.sort(order[rank < AT_ONE_POINT]) + first
     count = min(count, len(nodes) - 2)
-    index = nodes[np.asarray(cKDTree(points_mm[nodes]).query(points_mm, count + 2)[1]).reshape(len(points_mm), -1)]
+    index = nodes[np.asarray(tree_of(points_mm[nodes]).query(points_mm, count + 2)[1]).reshape(len(points_mm), -1)]
     own = (index >> 1) == (np.arange(len(points_mm)) >> 1)[:, None]
     return np.take_along_axis(index, np.argsort(own, axis=1, kind="stable")[:, :count], axis=1)
 

@@ -13,10 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
+from planning.motion.late import hanging_together, tree_of
 from planning.ordering.metric import Array
 
 Ints = NDArray[np.int64]
@@ -55,13 +53,12 @@ def junctions(ends_mm: Array, tolerance_mm: float) -> Ints:
 
 def _chains(points: Array, reach: float) -> Ints:
     """Numbers of the sets of points linked by steps of at most `reach`."""
-    tree = cKDTree(points)
+    tree = tree_of(points)
     if tree.count_neighbors(tree, reach) > CROWDED * len(points):
         cells, inverse = np.unique(np.floor(points / (reach / 3)), axis=0, return_inverse=True)
         return _chains(cells * (reach / 3), reach / 2)[inverse.ravel()] if len(cells) < len(points) else np.arange(len(points))
     pairs = tree.query_pairs(reach, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    return hanging_together(pairs[:, 0], pairs[:, 1], len(points))
 
 
 def _diameters(points: Array, part: Ints) -> Array:
@@ -165,7 +162,7 @@ def pair_near(ends_mm: Array, mate: Ints, tolerance_mm: float) -> None:
     for trail in trails(mate):
         tail[trail[0]], tail[trail[-1] ^ 1] = trail[-1] ^ 1, trail[0]
     near = min(9, len(free))
-    found = cKDTree(ends_mm[free]).query(ends_mm[free], near, distance_upper_bound=tolerance_mm)
+    found = tree_of(ends_mm[free]).query(ends_mm[free], near, distance_upper_bound=tolerance_mm)
     distance, index = np.asarray(found[0]), np.asarray(found[1])
     row, column = np.nonzero(np.isfinite(distance) & (index != np.arange(len(free))[:, None]))
     for k in np.argsort(distance[row, column], kind="stable").tolist():

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from planning.geometry.stroke import Stroke
+from planning.motion.late import tree_of
 from planning.ordering.quick import is_closed, is_dot
 from planning.ordering.seams import start_at
 
@@ -26,7 +26,7 @@ def begin_where_met(strokes: Sequence[Stroke], tolerance_mm: float) -> list[Stro
     vertices = np.concatenate([strokes[k].points_mm[:-1] for k in closed])
     # The bound of the query is exclusive.
     distance = np.asarray(
-        cKDTree(np.concatenate(ends)).query(vertices, distance_upper_bound=np.nextafter(tolerance_mm, np.inf))[0]
+        tree_of(np.concatenate(ends)).query(vertices, distance_upper_bound=np.nextafter(tolerance_mm, np.inf))[0]
     )
     starts = np.cumsum(sizes) - sizes
     least = np.minimum.reduceat(distance, starts)

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from planning.geometry.stroke import Stroke
+from planning.motion.late import tree_of
 from planning.ordering.greedy import Nodes, greedy_route
 from planning.ordering.improve import Costs, Effort, Stop, improve, near_nodes, never
 from planning.ordering.kicks import kick
@@ -60,7 +60,7 @@ class Route:
     ) -> None:
         self.strokes, self.choices, self.metric = strokes, choices, metric
         self.free_end = end_mm is None
-        self.following = None if following_mm is None or end_mm is not None else cKDTree(following_mm)
+        self.following = None if following_mm is None or end_mm is not None else tree_of(following_mm)
         self.points_mm = np.empty((2 * len(strokes) + 2, 2))
         self.points_mm[0] = start_mm if end_mm is None else end_mm
         self.points_mm[1] = start_mm

@@ -30,8 +30,6 @@ from plotter.errors import BadInput
 from plotter.journals import Part, given_up, journal_path
 from plotter.journals import head as journal_head
 from plotter.pipeline import Job, prepare
-from plotter.preview.picture import draw_ink
-from plotter.preview.table import table_of
 from plotter.settings import Settings
 from plotter.units import spoken_duration
 
@@ -140,6 +138,10 @@ def _summary(job: Job, ended: Ended) -> str:
 def _keep_picture(virtual: VirtualBoard, picture: Path | None, job: Job) -> None:
     if picture is None:
         return
+    # Pictures and their libraries are needed at the very end, if at all.
+    from plotter.preview.picture import draw_ink
+    from plotter.preview.table import table_of
+
     table = table_of(job)
     ink = [line for line in ink_mm(virtual.record(), job.machine.kinematics()) if not _is_dip(line, table.well_mm)]
     colors = [stroke.color for layer in job.layers for stroke in layer.strokes]

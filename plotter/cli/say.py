@@ -5,15 +5,17 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 
 from output.ebb.stream import Progress as StreamProgress
 from output.ebb.stream import State
 from plotter.units import spoken_duration
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 
 def notes(sentences: Iterable[str]) -> None:
@@ -38,14 +40,7 @@ class Bar:
         self._paused = ""
         self.progress: Progress | None = None
         if sys.stderr.isatty():
-            self.progress = Progress(
-                TextColumn("{task.description}"),
-                BarColumn(),
-                TaskProgressColumn(),
-                TextColumn("{task.fields[left]}"),
-                console=Console(file=sys.stderr),
-                transient=True,
-            )
+            self.progress = _drawn_bar()
             self._task = self.progress.add_task("plotting", total=1.0, left="")
 
     def expect(self, guess_s: Sequence[float]) -> None:
@@ -83,6 +78,21 @@ class Bar:
             click.echo(sentence, err=True)
         else:
             self.progress.console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+
+
+def _drawn_bar() -> Progress:
+    # Loaded where there is a terminal to draw on only: it takes as long as reading 10,000 strokes.
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[left]}"),
+        console=Console(file=sys.stderr),
+        transient=True,
+    )
 
 
 @contextmanager

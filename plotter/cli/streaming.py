@@ -5,11 +5,14 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+import numpy as np
+
 from output.ebb.control import StopFlag, ignore_signals
 from output.ebb.program import Program
 from output.ebb.session import Board, StreamResult
 from output.ebb.stream import Progress
 from output.wording import counted
+from planning.ordering.opening import Pace
 from plotter.cli.keys import keys
 from plotter.cli.say import progress_bar
 from plotter.errors import Interrupted, Paused
@@ -45,12 +48,13 @@ def guesses_s(job: Job) -> list[float]:
 
     While the order is still being found, those that are not in it yet are taken to be as they are in the file on average.
     """
-    complete, lifts_s, speed = job.ordering.complete, stroke_guess_s(job.settings), job.settings.draw_speed
-    found = [lifts_s + stroke.length_mm / speed for piece in list(job.ordering.found) for stroke in piece.strokes]
+    complete, pace = job.ordering.complete, Pace(stroke_guess_s(job.settings), job.settings.draw_speed)
+    found = [pace.seconds(piece.strokes) for piece in list(job.ordering.found)]
     if complete:
-        return found
-    in_file = [lifts_s + stroke.length_mm / speed for layer in job.arranged.layers for stroke in layer.strokes]
-    return found + [sum(in_file) / len(in_file)] * (len(in_file) - len(found))
+        return [seconds for piece in found for seconds in piece.tolist()]
+    in_file = np.concatenate([pace.seconds(layer.strokes) for layer in job.arranged.layers])
+    left = max(len(in_file) - sum(map(len, found)), 0)
+    return [seconds for piece in found for seconds in piece.tolist()] + [float(in_file.mean())] * left
 
 
 def finish(ended: Ended, where: str, *, resumable: bool = True) -> None:

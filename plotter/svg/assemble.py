@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import groupby
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from output.wording import counted
-from planning.geometry.stroke import Stroke
+from planning.geometry.strokes import Strokes
 from plotter.errors import BadInput
 from plotter.svg.clip import Clip, apply_clips, clipped_area
 from plotter.svg.clip_paths import shape_areas
-from plotter.svg.collector import Shape
+from plotter.svg.collector import Shape, different_shapes
 from plotter.svg.cut import Piece, dash, dash_count
 from plotter.svg.dashes import Dashes, user_lengths
 from plotter.svg.flatten import Polylines
@@ -20,6 +21,71 @@ from plotter.svg.matrix import IDENTITY
 from plotter.svg.notes import Notes
 from plotter.svg.occlude import Occluders
 from plotter.svg.options import ReadOptions
+from plotter.svg.path_segments import Bools, Floats
+from plotter.svg.style import Style
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Part:
+    """Strokes of one layer: the place of each in the painting order, how many points it has, its colour; and all points."""
+
+    order: NDArray[np.int64]
+    size: NDArray[np.int64]
+    color: NDArray[np.int64]
+    points: Floats
+    corner: Bools
+
+
+class _Looks:
+    """What there is to know of each shape besides its outline, in arrays over the shapes.
+
+    `order` in which they are painted, `layer`, `color` as an index into `palette`, whether they must be `worked` on one by one,
+    and whether they are `dotless`, drawn only where they have some length.
+    """
+
+    def __init__(self, shapes: list[Shape], *, worked_all: bool) -> None:
+        codes: dict[str | None, int] = {}
+        different, which = different_shapes(shapes)
+        colors = [shape.color or shape.style.color for shape in different]
+        self.color = np.array([codes.setdefault(color, len(codes)) for color in colors], dtype=np.int64)[which]
+        self.palette = list(codes)
+        self.order = np.array([shape.order for shape in different], dtype=np.int64)[which]
+        own = self.order < 0
+        self.order[own] = np.flatnonzero(own)
+        self.layer = np.array([shape.layer for shape in different], dtype=np.int64)[which]
+        self.worked = np.array([worked_all or bool(shape.clips or shape.dashes) for shape in different], dtype=bool)[which]
+        self.dotless = np.array([_is_dotless(shape.style) for shape in different], dtype=bool)[which]
+
+
+def _is_dotless(style: Style) -> bool:
+    return style.stroke is None or style.inherited.get("stroke-linecap", "butt") == "butt"
+
+
+def _points_of(polylines: Polylines, rows: NDArray[np.int64]) -> tuple[Floats, Bools]:
+    """The points and corner marks of some polylines, one after the other; of all of them, without a copy."""
+    if len(rows) == len(polylines.path):
+        return polylines.points, polylines.corner
+    size = np.diff(polylines.offset)[rows]
+    at = np.repeat(polylines.offset[rows] - np.cumsum(size) + size, size) + np.arange(int(size.sum()))
+    return polylines.points[at], polylines.corner[at]
+
+
+def _in_order(parts: list[_Part], palette: tuple[str | None, ...]) -> Strokes:
+    """A layer's strokes in painting order; those of one shape stay as they come."""
+    if not parts:
+        none = np.zeros(0, dtype=np.int64)
+        return Strokes(np.zeros((0, 2)), np.zeros(0, dtype=bool), np.zeros(1, dtype=np.int64), none, palette)
+    one = len(parts) == 1
+    order = np.concatenate([part.order for part in parts])
+    size = np.concatenate([part.size for part in parts])
+    strokes = Strokes(
+        parts[0].points if one else np.concatenate([part.points for part in parts]),
+        parts[0].corner if one else np.concatenate([part.corner for part in parts]),
+        np.concatenate(([0], np.cumsum(size))),
+        np.concatenate([part.color for part in parts]),
+        palette,
+    )
+    return strokes if (np.diff(order) >= 0).all() else strokes.take(np.argsort(order, kind="stable"))
 
 
 class Assembly:
@@ -33,44 +99,56 @@ class Assembly:
         self._occluders: Occluders | None = None
         self._dash_count = 0.0
 
-    def strokes(self, made: list[Polylines], layer_count: int) -> list[list[Stroke]]:
+    def strokes(self, made: list[Polylines], layer_count: int) -> list[Strokes]:
         """Raises BadInput where the dash budget is exceeded. Empties `made` on its way, to save memory."""
         if self._options.occlude:
             self._occluders = self._opaque_areas(made)
-        found: list[list[tuple[int, Stroke]]] = [[] for _ in range(layer_count)]
-        late = any(shape.order >= 0 for shape in self._shapes)
+        looks = _Looks(self._shapes, worked_all=self._options.occlude or self._options.crop or self._options.fills == "close")
+        found: list[list[_Part]] = [[] for _ in range(layer_count)]
         while made:
-            self._batch(made.pop(0), found)
-        if late:
-            for layer in found:
-                layer.sort(key=lambda item: item[0])
-        return [[stroke for _, stroke in layer] for layer in found]
+            self._batch(made.pop(0), looks, found)
+        return [_in_order(parts, tuple(looks.palette)) for parts in found]
 
-    def _batch(self, polylines: Polylines, found: list[list[tuple[int, Stroke]]]) -> None:
-        shapes, options = self._shapes, self._options
-        offset, dots, closed = polylines.offset.tolist(), polylines.dot.tolist(), polylines.closed.tolist()
-        points, corner = polylines.points, polylines.corner
-        for owner, rows in groupby(enumerate(polylines.path.tolist()), key=lambda item: item[1]):
-            shape = shapes[owner]
-            style = shape.style
-            color = shape.color or style.color
-            order = owner if shape.order < 0 else shape.order
-            plain = not (shape.clips or shape.dashes or options.occlude or options.crop or options.fills == "close")
-            layer = found[shape.layer]
-            pieces: list[Piece] = []
-            for i, _ in rows:
-                if dots[i] and (style.stroke is None or style.inherited.get("stroke-linecap", "butt") == "butt"):
-                    continue
-                begin, end = offset[i], offset[i + 1]
-                if plain:
-                    layer.append((order, Stroke(points[begin:end], corner[begin:end], color)))
-                    continue
-                piece = Piece(points[begin:end], corner[begin:end])
-                if options.fills == "close" and style.fill is not None and not closed[i]:
-                    piece = _shut(piece)
-                pieces.append(piece)
-            if pieces:
-                layer += [(order, Stroke(piece.points, piece.corner, color)) for piece in self._worked(pieces, shape, order)]
+    def _batch(self, polylines: Polylines, looks: _Looks, found: list[list[_Part]]) -> None:
+        rows = np.flatnonzero(~(polylines.dot & looks.dotless[polylines.path]))
+        worked = looks.worked[polylines.path[rows]]
+        plain = rows[~worked]
+        owner = polylines.path[plain]
+        size = np.diff(polylines.offset)[plain]
+        layer = looks.layer[owner]
+        for number in np.unique(layer).tolist():
+            mine = slice(None) if (layer == number).all() else layer == number
+            points, corner = _points_of(polylines, plain[mine])
+            found[number].append(_Part(looks.order[owner[mine]], size[mine], looks.color[owner[mine]], points, corner))
+        rows = rows[worked]
+        borders = np.flatnonzero(np.diff(polylines.path[rows])) + 1
+        for of_one in np.split(rows, borders) if len(rows) else ():
+            self._shape(int(polylines.path[of_one[0]]), of_one, polylines, looks, found)
+
+    def _shape(
+        self, owner: int, rows: NDArray[np.int64], polylines: Polylines, looks: _Looks, found: list[list[_Part]]
+    ) -> None:
+        """The strokes of a shape that is dashed, clipped, or looked at for other reasons."""
+        shape = self._shapes[owner]
+        pieces: list[Piece] = []
+        for i in rows.tolist():
+            begin, end = polylines.offset[i : i + 2].tolist()
+            piece = Piece(polylines.points[begin:end], polylines.corner[begin:end])
+            if self._options.fills == "close" and shape.style.fill is not None and not polylines.closed[i]:
+                piece = _shut(piece)
+            pieces.append(piece)
+        pieces = list(self._worked(pieces, shape, int(looks.order[owner])))
+        if not pieces:
+            return
+        found[shape.layer].append(
+            _Part(
+                np.full(len(pieces), looks.order[owner]),
+                np.array([len(piece.points) for piece in pieces]),
+                np.full(len(pieces), looks.color[owner]),
+                np.concatenate([piece.points for piece in pieces]),
+                np.concatenate([piece.corner for piece in pieces]),
+            )
+        )
 
     def _worked(self, pieces: list[Piece], shape: Shape, order: int) -> Iterable[Piece]:
         if shape.dashes is not None:

@@ -19,7 +19,7 @@ from plotter.svg.collector import Shape
 from plotter.svg.context import Context
 from plotter.svg.flatten import Polylines
 from plotter.svg.matrix import Matrix, inverse, is_singular, multiply
-from plotter.svg.shapes import OUTLINES, SHAPES
+from plotter.svg.shapes import is_shape
 from plotter.svg.style import Style
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ class ClipPaths:
             href = child.get("href") or child.get("{http://www.w3.org/1999/xlink}href") or ""
             target = self._walk.by_id(href.strip().lstrip("#"))
             kind = self._walk.kind(target.tag) if target is not None else ""
-        return kind in SHAPES or kind in OUTLINES or kind == "text"
+        return is_shape(kind) or kind == "text"
 
     def _box(
         self, element: Any, kind: str, attributes: dict[str, str], style: Style, matrix: Matrix, context: Context
@@ -149,7 +149,7 @@ class ClipPaths:
         walk = self._walk
 
         def run() -> None:
-            if kind in SHAPES or kind in OUTLINES:
+            if is_shape(kind):
                 walk.shape(element, kind, dict(attributes), style, matrix, (), context)
             else:
                 walk.container(element, kind, Context(matrix, style, context.frame, 0, (), context.level + 1, context.uses))

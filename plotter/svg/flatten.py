@@ -47,6 +47,9 @@ def flatten(segments: Segments, matrix: Floats, tolerance_mm: float | Floats, po
     Raises BeyondNumbers where a segment is beyond reason, and PointBudget, before anything is allocated, where more than
     `point_budget` points would be made.
     """
+    paths = len(matrix)
+    if paths > 1 and (matrix == matrix[0]).all():
+        matrix = matrix[:1]
     mapped = _to_page(segments, matrix)
     keep = mapped.extent > np.where(segments.closing, ROUNDING_MM, NOTHING_MM)
     snapped = np.zeros(len(segments.path), bool)
@@ -55,7 +58,7 @@ def flatten(segments: Segments, matrix: Floats, tolerance_mm: float | Floats, po
     used[segments.subpath[keep]] = True
     dot = segments.drawn & ~used
     wanted = used | dot
-    each_tolerance_mm = np.broadcast_to(tolerance_mm, len(matrix))[segments.path[segments.subpath]]
+    each_tolerance_mm = np.broadcast_to(tolerance_mm, paths)[segments.path[segments.subpath]]
     pieces = _pieces(mapped, segments.kind, keep, each_tolerance_mm)
     beyond = np.flatnonzero(~(mapped.extent < FARTHEST_MM))
     if len(beyond):
@@ -69,9 +72,8 @@ def flatten(segments: Segments, matrix: Floats, tolerance_mm: float | Floats, po
     count = np.ones(int(wanted.sum()), np.int64)
     np.add.at(count, sub, pieces)
     offset = np.concatenate(([0], np.cumsum(count)))
-    matrices = matrix[segments.path[wanted]]
     out = np.empty((total, 2))
-    out[offset[:-1]] = _map(segments.start[wanted], matrices)
+    out[offset[:-1]] = _map(segments.start[wanted], _of_each(matrix, segments.path[wanted]))
     last = np.cumsum(pieces) + sub
     kind, points = (segments.kind, mapped.points) if keep.all() else (segments.kind[keep], mapped.points[keep])
     _write_curves(out, kind, points, mapped.arcs(keep), last, pieces)
@@ -135,29 +137,37 @@ def _map(points: Floats, matrix: Floats, *, linear: bool = False) -> Floats:
 
 
 def _to_page(segments: Segments, matrix: Floats) -> _Mapped:
-    # One path needs one matrix, not a copy of it for each of a million segments.
-    m = matrix if len(matrix) == 1 else matrix[segments.path[segments.subpath]]
+    m = _of_each(matrix, segments.path[segments.subpath])
     points = np.empty_like(segments.points)
-    for i in range(4):
-        points[:, i] = _map(segments.points[:, i], m)
-    straight = segments.kind == LINE
-    points[straight, 1] = points[straight, 0]
-    points[straight, 2] = points[straight, 3]
+    points[:, 0] = points[:, 1] = _map(segments.points[:, 0], m)
+    points[:, 3] = points[:, 2] = _map(segments.points[:, 3], m)
     # An arc whose ends meet is nothing only when it has no radius, and such arcs are lines by now.
-    extent = np.abs(points[:, 1:] - points[:, :1]).max(axis=(1, 2), initial=0.0) if len(points) else np.zeros(0)
-    quadratic = segments.kind == QUADRATIC
-    points[quadratic, 2] = points[quadratic, 1]
-    if quadratic.any():
-        extent[quadratic] = np.abs(points[quadratic][:, (1, 3)] - points[quadratic][:, :1]).max(axis=(1, 2))
+    extent = _greater(points[:, 3] - points[:, 0])
+    curve = np.flatnonzero((segments.kind == CUBIC) | (segments.kind == QUADRATIC))
+    if len(curve):
+        m_curve = _of_each(m, curve)
+        points[curve, 1] = _map(segments.points[curve, 1], m_curve)
+        points[curve, 2] = _map(segments.points[curve, 2], m_curve)
+        quadratic = curve[segments.kind[curve] == QUADRATIC]
+        points[quadratic, 2] = points[quadratic, 1]
+        for i in (1, 2):
+            extent[curve] = np.maximum(extent[curve], _greater(points[curve, i] - points[curve, 0]))
     arc = np.flatnonzero(segments.kind == ARC)
-    points[arc, 1] = points[arc, 0]
-    points[arc, 2] = points[arc, 3]
-    m_arc = m if len(m) == 1 else m[arc]
+    m_arc = _of_each(m, arc)
     u, v = _map(segments.axis_u, m_arc, linear=True), _map(segments.axis_v, m_arc, linear=True)
-    extent[arc] = np.maximum(np.abs(u).max(axis=1, initial=0), np.abs(v).max(axis=1, initial=0)) * np.minimum(
-        1, np.abs(segments.sweep)
-    )
+    extent[arc] = np.maximum(_greater(u), _greater(v)) * np.minimum(1, np.abs(segments.sweep))
     return _Mapped(points, extent, arc, _map(segments.centre, m_arc), u, v, segments.angle, segments.sweep)
+
+
+def _of_each(matrix: Floats, rows: Ints) -> Floats:
+    """`matrix[rows]`; one that all have in common is not copied for each of a million."""
+    return matrix if len(matrix) == 1 else matrix[rows]
+
+
+def _greater(vectors: Floats) -> Floats:
+    """The greater of |x| and |y| of (n, 2): by column, which numpy takes in much faster than by row."""
+    size = np.abs(vectors)
+    return np.asarray(np.maximum(size[:, 0], size[:, 1]))
 
 
 def _pieces(mapped: _Mapped, kind: NDArray[np.uint8], keep: Bools, tolerance_mm: Floats) -> Ints:
@@ -175,15 +185,28 @@ def _pieces(mapped: _Mapped, kind: NDArray[np.uint8], keep: Bools, tolerance_mm:
     bend2 = p[rows, 0] - 2 * p[rows, 1] + p[rows, 3]
     need[rows] = np.sqrt(0.25 / tolerance_mm[rows] * np.hypot(bend2[:, 0], bend2[:, 1]))
     if len(mapped.arc_rows):
-        r = _longest_half_axis(mapped.axis_u, mapped.axis_v)
-        # 2 acos(1 - x) as 4 asin(sqrt(x / 2)), which stays exact where the arc is so flat that 1 - x would be 1.
-        step = 4 * np.arcsin(np.sqrt(np.minimum(tolerance_mm[mapped.arc_rows] / np.maximum(r, NOTHING_MM) / 2, 0.5)))
-        need[mapped.arc_rows] = np.abs(mapped.sweep) / np.minimum(step, np.pi / 4)
-    need = np.ceil(need[keep] * (1 - 1e-12))
+        r = longest_half_axis(mapped.axis_u, mapped.axis_v)
+        need[mapped.arc_rows] = _arc_need(mapped.sweep, r, tolerance_mm[mapped.arc_rows])
+    return _whole(need[keep])
+
+
+def _whole(need: Floats) -> Ints:
+    need = np.ceil(need * (1 - 1e-12))
     return np.clip(np.where(np.isnan(need), _ENDLESS, need), 1, _ENDLESS).astype(np.int64)
 
 
-def _longest_half_axis(u: Floats, v: Floats) -> Floats:
+def arc_steps(sweep: Floats, half_axis_mm: Floats, tolerance_mm: Floats) -> Ints:
+    """Into how many equal steps arcs are cut: of `sweep` radians each, (n,), of ellipses with this longest half axis (n,)."""
+    return _whole(_arc_need(sweep, half_axis_mm, tolerance_mm))
+
+
+def _arc_need(sweep: Floats, half_axis_mm: Floats, tolerance_mm: Floats) -> Floats:
+    # 2 acos(1 - x) as 4 asin(sqrt(x / 2)), which stays exact where the arc is so flat that 1 - x would be 1.
+    step = 4 * np.arcsin(np.sqrt(np.minimum(tolerance_mm / np.maximum(half_axis_mm, NOTHING_MM) / 2, 0.5)))
+    return np.asarray(np.abs(sweep) / np.minimum(step, np.pi / 4))
+
+
+def longest_half_axis(u: Floats, v: Floats) -> Floats:
     """Greatest singular value of the maps whose columns are u and v."""
     sum_ = (u**2).sum(axis=1) + (v**2).sum(axis=1)
     cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
@@ -254,14 +277,20 @@ def tangents(segments: Segments) -> tuple[Floats, Floats]:
 
 def _tangents(points: Floats, arcs: _Arcs) -> tuple[Floats, Floats]:
     """Directions (not normalised) in which each segment arrives at its end and leaves its start."""
-    leaving = points[:, 1] - points[:, 0]
-    arriving = points[:, 3] - points[:, 2]
-    for i in (2, 3):
-        stuck = np.abs(leaving).max(axis=1) <= NOTHING_MM
-        leaving[stuck] = points[stuck, i] - points[stuck, 0]
-    for i in (1, 0):
-        stuck = np.abs(arriving).max(axis=1) <= NOTHING_MM
-        arriving[stuck] = points[stuck, 3] - points[stuck, i]
+    leaving = points[:, 3] - points[:, 0]
+    arriving = leaving.copy()
+    # Of a line, whose controls are its ends, that is all; of a curve only what is left where controls lie on its ends.
+    curve = np.flatnonzero(_differ(points[:, 1], points[:, 0]) | _differ(points[:, 2], points[:, 3]))
+    if len(curve):
+        p = points if len(curve) == len(points) else points[curve]
+        out, into = p[:, 1] - p[:, 0], p[:, 3] - p[:, 2]
+        for i in (2, 3):
+            stuck = _greater(out) <= NOTHING_MM
+            out[stuck] = p[stuck, i] - p[stuck, 0]
+        for i in (1, 0):
+            stuck = _greater(into) <= NOTHING_MM
+            into[stuck] = p[stuck, 3] - p[stuck, i]
+        leaving[curve], arriving[curve] = out, into
     if len(arcs.row):
         way = np.sign(arcs.sweep)[:, None]
         for theta, target in ((arcs.angle, leaving), (arcs.angle + arcs.sweep, arriving)):
@@ -269,7 +298,11 @@ def _tangents(points: Floats, arcs: _Arcs) -> tuple[Floats, Floats]:
     return arriving, leaving
 
 
+def _differ(one: Floats, other: Floats) -> Bools:
+    return np.asarray((one[:, 0] != other[:, 0]) | (one[:, 1] != other[:, 1]))
+
+
 def _turns(before: Floats, after: Floats) -> Bools:
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    along = (before * after).sum(axis=1)
+    along = before[:, 0] * after[:, 0] + before[:, 1] * after[:, 1]
     return np.asarray(np.abs(np.arctan2(cross, along)) > SMOOTH_JOIN_RAD)

@@ -55,10 +55,10 @@ class Layering:
                 return "inkscape"
             if rule == "inkscape":
                 return "one"
+        if next(root.iterchildren("{*}g"), None) is None:
+            return "one"
         kinds = [_is_group(child) for child in root if isinstance(child.tag, str)]
         runs = sum(kinds) + sum(1 for i, kind in enumerate(kinds) if not kind and (i == 0 or kinds[i - 1]))
-        if not any(kinds):
-            return "one"
         if rule == "auto" and runs > _MOST_LAYERS:
             notes.add(
                 f"the drawing has {sum(kinds)} top-level groups and no layers; they were taken as one layer "

@@ -215,14 +215,50 @@ class _Piece:
     def _convert(self, numeric: NDArray[np.bool_], start: NDArray[np.bool_], count: int) -> NDArray[np.float64]:
         if not count:
             return np.zeros(0)
-        text = np.where(numeric, self.raw, np.uint8(32))
-        glued = np.flatnonzero(start[1:] & numeric[:-1]) + 1
-        if len(glued):
-            text = np.insert(text, glued, np.uint8(32))
-        numbers = np.fromstring(text.tobytes(), np.float64, sep=" ")
-        if len(numbers) != count:
-            raise AssertionError(f"{count} numbers were seen in path data and {len(numbers)} converted")
+        head = np.flatnonzero(start)
+        size = np.flatnonzero(numeric & np.append(~numeric[1:] | start[1:], True)) + 1 - head
+        numbers, plain = _plain_decimals(self.raw, head, size)
+        rest = np.flatnonzero(~plain)
+        if len(rest):
+            text = b" ".join(self.raw[at : at + long].tobytes() for at, long in zip(head[rest], size[rest], strict=True))
+            found = np.fromstring(text, np.float64, sep=" ")
+            if len(found) != len(rest):
+                raise AssertionError(f"{len(rest)} numbers were seen in path data and {len(found)} converted")
+            numbers[rest] = found
         return numbers
+
+
+# Decimals of so many digits are whole numbers that a double holds exactly, over a power of ten that it holds exactly too: one
+# division rounds as it must, and the number is the one that any careful reader finds.
+_EXACT_DIGITS = 15
+_TENS = 10.0 ** np.arange(_EXACT_DIGITS + 1)
+
+
+def _plain_decimals(
+    raw: NDArray[np.uint8], head: NDArray[np.int64], size: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The numbers that begin at `head` in the text and have `size` characters, and which of them are found: those without an
+    exponent and with few enough digits. All numbers are gone through at once, a character at a time."""
+    most = min(int(size.max()), _EXACT_DIGITS + 2)
+    text = np.append(raw, np.zeros(most, np.uint8))
+    whole = np.zeros(len(head), np.int64)
+    digits = np.zeros(len(head), np.int64)
+    dot = size - 1  # without one, no digit comes after it
+    plain = size <= most
+    for k in range(most):
+        letter = text[head + k]
+        inside = k < size
+        value = letter - np.uint8(ord("0"))
+        is_digit = inside & (value < 10)
+        whole = np.where(is_digit, whole * 10 + value, whole)
+        digits += is_digit
+        dot[inside & (letter == ord("."))] = k
+        plain &= ~(inside & ((letter | LOWER) == ord("e")))
+    plain &= digits <= _EXACT_DIGITS
+    numbers = whole / _TENS[np.where(plain, size - 1 - dot, 0)]
+    negative = text[head] == ord("-")
+    numbers[negative] *= -1.0
+    return numbers, plain
 
 
 # After an exponent neither a dot nor a second exponent belongs to the number; a sign there must have a digit.

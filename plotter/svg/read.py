@@ -6,7 +6,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from planning.geometry.stroke import Layer, Stroke
+from planning.geometry.stroke import Layer
+from planning.geometry.strokes import Strokes
 from plotter.errors import BadInput
 from plotter.svg.assemble import Assembly
 from plotter.svg.blame import not_finite
@@ -65,9 +66,9 @@ def _drawing(walk: Walk, layering: Layering, options: ReadOptions, notes: Notes)
     assembly = Assembly(options, notes, (walk.width_mm, walk.height_mm), walk.collector.shapes)
     strokes = assembly.strokes(made, len(layering.layers))
     layers = tuple(
-        _layer(number, layer, tuple(drawn))
+        _layer(number, layer, drawn)
         for number, (layer, drawn) in enumerate(zip(layering.layers, strokes, strict=True), 1)
-        if drawn
+        if len(drawn)
     )
     facts = tuple(
         LayerFacts(number, layer.name, len(drawn), layer.hidden, layer.locked, layer.is_documentation, layer.pause_before)
@@ -115,6 +116,6 @@ def _style_texts(root: Any) -> list[str]:
     ]
 
 
-def _layer(number: int, layer: FileLayer, strokes: tuple[Stroke, ...]) -> Layer:
-    colors = {stroke.color for stroke in strokes}
-    return Layer(number, layer.name, strokes, colors.pop() if len(colors) == 1 else None, layer.pause_before)
+def _layer(number: int, layer: FileLayer, strokes: Strokes) -> Layer:
+    colors = strokes.colors
+    return Layer(number, layer.name, strokes, colors[0] if len(colors) == 1 else None, layer.pause_before)

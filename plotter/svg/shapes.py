@@ -5,11 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
+import numpy as np
+
 from plotter.svg.lengths import Frame, parse_length
+from plotter.svg.path_segments import Floats
 
 Get = Callable[[str], str | None]
 # Letters of absolute commands, and their arguments one after the other.
 Outline = tuple[bytes, list[float]]
+# Centre, x and y, and radii, along x and y, both positive.
+Ellipse = tuple[float, float, float, float]
 
 
 def rect(get: Get, frame: Frame) -> Outline | None:
@@ -43,22 +48,32 @@ def _radii(get: Get, frame: Frame) -> tuple[float, float]:
     return rx or 0.0, ry or 0.0
 
 
-def circle(get: Get, frame: Frame) -> Outline | None:
+def circle(get: Get, frame: Frame) -> Ellipse | None:
     r = parse_length(get("r"), frame, frame.diagonal) or 0.0
     return _ellipse(get, frame, r, r)
 
 
-def ellipse(get: Get, frame: Frame) -> Outline | None:
+def ellipse(get: Get, frame: Frame) -> Ellipse | None:
     return _ellipse(get, frame, *_radii(get, frame))
 
 
-def _ellipse(get: Get, frame: Frame, rx: float, ry: float) -> Outline | None:
+def _ellipse(get: Get, frame: Frame, rx: float, ry: float) -> Ellipse | None:
     x = parse_length(get("cx"), frame, frame.width) or 0.0
     y = parse_length(get("cy"), frame, frame.height) or 0.0
-    if rx <= 0 or ry <= 0:
-        return None
-    r = [rx, ry, 0.0, 0.0, 1.0]
-    return b"MAAAAZ", [x + rx, y, *r, x, y + ry, *r, x - rx, y, *r, x, y - ry, *r, x + rx, y]
+    return None if rx <= 0 or ry <= 0 else (x, y, rx, ry)
+
+
+def ellipses_as_path(ellipses: Floats) -> tuple[bytes, Floats]:
+    """Outlines of very many ellipses, rows of centre and radii (n, 4): the letters of each, and the arguments (n, 30)."""
+    x, y, rx, ry = ellipses.T
+    r = (rx, ry, np.zeros_like(x), np.zeros_like(x), np.ones_like(x))
+    right, low, left, high = (x + rx, y), (x, y + ry), (x - rx, y), (x, y - ry)
+    return b"MAAAAZ", np.stack((*right, *r, *low, *r, *left, *r, *high, *r, *right), axis=1)
+
+
+def _one_as_path(ellipse: Ellipse) -> Outline:
+    codes, numbers = ellipses_as_path(np.array([ellipse]))
+    return codes, numbers[0].tolist()
 
 
 def line(get: Get, frame: Frame) -> Outline:
@@ -83,7 +98,8 @@ def points_as_path(text: str, *, closed: bool) -> str:
     return f"M{text}Z" if closed else f"M{text}"
 
 
-SHAPES: dict[str, Callable[[Get, Frame], Outline | None]] = {"rect": rect, "circle": circle, "ellipse": ellipse, "line": line}
+ELLIPSES: dict[str, Callable[[Get, Frame], Ellipse | None]] = {"circle": circle, "ellipse": ellipse}
+SHAPES: dict[str, Callable[[Get, Frame], Outline | None]] = {"rect": rect, "line": line}
 
 
 def _path(attributes: dict[str, str]) -> str:
@@ -101,11 +117,25 @@ OUTLINES: dict[str, Callable[[dict[str, str]], str]] = {
 }
 
 
+def is_shape(kind: str) -> bool:
+    return kind in OUTLINES or kind in SHAPES or kind in ELLIPSES
+
+
+def outline(kind: str, attributes: dict[str, str], frame: Frame) -> str | Outline | Ellipse | None:
+    """A shape's outline as the element gives it: path data, numbers, or an ellipse; None where there is none."""
+    if kind in OUTLINES:
+        return OUTLINES[kind](attributes) or None
+    return ELLIPSES[kind](attributes.get, frame) if kind in ELLIPSES else SHAPES[kind](attributes.get, frame)
+
+
 _ARGUMENTS = {"M": 2, "L": 2, "H": 1, "V": 1, "A": 7, "Z": 0}
 
 
-def path_text(codes: bytes, numbers: list[float]) -> str:
-    """An Outline as path data."""
+def path_text(outline: str | Outline | Ellipse) -> str:
+    """An outline as path data."""
+    if isinstance(outline, str):
+        return outline
+    codes, numbers = outline if len(outline) == 2 else _one_as_path(outline)
     words: list[str] = []
     at = 0
     for letter in codes.decode():

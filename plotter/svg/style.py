@@ -166,31 +166,35 @@ def root_style(frame: Frame) -> Style:
 
 
 class Cascade:
-    """Computes styles of elements, remembering all that it computed."""
+    """Computes styles of elements, remembering all that it computed.
+
+    Elements of one kind under one parent have one style where their attributes named in `keys` are the same, unless the sheet
+    `is_complex`: then it also depends on where they stand.
+    """
 
     def __init__(self, sheet: Stylesheet) -> None:
         self._sheet = sheet
-        self._keys = KEYS | {"id"} if sheet.uses_ids else KEYS
+        self.keys = KEYS | {"id"} if sheet.uses_ids else KEYS
         self._plain = sheet.is_empty
-        self._complex = sheet.is_complex
+        self.is_complex = sheet.is_complex
         self._parsed: dict[str, list[tuple[str, str, bool]]] = {}
 
     def style(self, element: Any, kind: str, items: list[tuple[str, str]], parent: Style, frame: Frame) -> Style:
         """The style of `element` under `parent`; `items` are its attributes, `kind` its local name."""
-        keys = self._keys
+        keys = self.keys
         key: Any = tuple([item for item in items if item[0] in keys])
         if not key and self._plain and not parent.own:
             return parent
         rules: Iterable[Any] = ()
         if not self._plain:
-            if self._complex:
+            if self.is_complex:
                 rules = self._sheet.matched(element, kind)
                 key = (key, kind, tuple(map(id, rules)))
             else:
                 key = (key, kind)
         known = parent.children.get(key)
         if known is None:
-            if not self._plain and not self._complex:
+            if not self._plain and not self.is_complex:
                 rules = self._sheet.matched(element, kind)
             if len(parent.children) > _REMEMBERED:
                 parent.children.clear()

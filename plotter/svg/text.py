@@ -172,8 +172,8 @@ class _Outlines:
             outline = self._glyphs.outline(placed.character, style)
             if outline and style.visible and (style.fill is not None or style.stroke is not None):
                 matrix = multiply(context.matrix, placed.matrix)
-                shape = Shape(pending.element, style, pending.layer, matrix, context.clips, None, pending.order, style.color)
-                self._walk.collector.add_path(shape, outline)
+                shape = Shape(style, pending.layer, matrix, context.clips, None, pending.order, style.color)
+                self._walk.collector.add_path(pending.element, shape, outline)
 
     def _collect(self, element: Any, pending: PendingText, outer: Matrix) -> None:
         """The paths below `element`, with the transforms the engine gave them."""
@@ -181,10 +181,8 @@ class _Outlines:
         if element.tag == f"{{{SVG}}}path":
             context = pending.context
             full = multiply(context.matrix, matrix)
-            shape = Shape(
-                pending.element, context.style, pending.layer, full, context.clips, None, pending.order, element.get("fill")
-            )
-            self._walk.collector.add_path(shape, element.get("d", ""))
+            shape = Shape(context.style, pending.layer, full, context.clips, None, pending.order, element.get("fill"))
+            self._walk.collector.add_path(pending.element, shape, element.get("d", ""))
         for child in element:
             self._collect(child, pending, matrix)
 

@@ -13,7 +13,7 @@ from plotter.svg.along import Track, track_of
 from plotter.svg.document import XLINK
 from plotter.svg.lengths import Frame, parse_length
 from plotter.svg.matrix import IDENTITY, Matrix, parse_transform
-from plotter.svg.shapes import OUTLINES, SHAPES, path_text
+from plotter.svg.shapes import is_shape, outline, path_text
 from plotter.svg.style import Style
 
 if TYPE_CHECKING:
@@ -144,11 +144,8 @@ def outline_of(walk: Walk, target: Any) -> tuple[str, Matrix]:
     """Path data of a shape element, and its own transform."""
     kind = walk.kind(target.tag)
     attributes = dict(target.items())
-    if kind in SHAPES:
-        outline = SHAPES[kind](attributes.get, Frame(100.0, 100.0))
-        data = path_text(*outline) if outline is not None else ""
-    else:
-        data = OUTLINES[kind](attributes) if kind in OUTLINES else ""
+    found = outline(kind, attributes, Frame(100.0, 100.0)) if is_shape(kind) else None
+    data = "" if found is None else path_text(found)
     return data, parse_transform(attributes.get("transform", "")) or IDENTITY
 
 

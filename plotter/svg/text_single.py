@@ -78,10 +78,9 @@ def _draw(walk: Walk, pending: PendingText, placed: Placed) -> None:
         begin += width
     if codes:
         context = pending.context
-        shape = Shape(
-            pending.element, placed.style, pending.layer, context.matrix, context.clips, None, pending.order, placed.style.color
-        )
-        walk.collector.add_commands(shape, b"".join(codes), numbers)
+        style, order = placed.style, pending.order
+        shape = Shape(style, pending.layer, context.matrix, context.clips, None, order, style.color)
+        walk.collector.add_commands(pending.element, shape, b"".join(codes), numbers)
 
 
 def _scale(style: Style) -> float:

