@@ -68,7 +68,7 @@ def stop_on_path(motion: Motion, from_s: float, limits: Limits) -> tuple[Motion,
         for _ in range(STOP_ATTEMPTS):
             ramp = _ramp(motion, start, min(total, start + HORIZON_S), limits, gentle)
             if ramp is None or start + ramp.plan_s[-1] >= total:
-                return _run_out(motion, begin)
+                return run_out(motion, begin)
             duration = int(np.ceil(ramp.tau_s[-1] / TICK_S))
             knots = _knots(motion, ramp.tau_s, start + ramp.plan_s, duration)
             at = start + np.interp(knots * TICK_S, ramp.tau_s, ramp.plan_s)
@@ -76,12 +76,14 @@ def stop_on_path(motion: Motion, from_s: float, limits: Limits) -> tuple[Motion,
             if found is not None:
                 return _joined(_part(motion, begin, start), found), start + float(ramp.plan_s[-1])
             gentle *= GENTLER
-    return _run_out(motion, begin)
+    return run_out(motion, begin)
 
 
-def _run_out(motion: Motion, from_s: float) -> tuple[Motion, float]:
+def run_out(motion: Motion, from_s: float) -> tuple[Motion, float]:
+    """What is left of the motion from plan time `from_s` (rounded up to a tick) on; it must end at rest. As `stop_on_path`."""
+    begin = _tick_up(motion, from_s)
     _end_at_rest(motion)
-    return _part(motion, from_s, motion.total_s), motion.total_s
+    return _part(motion, begin, motion.total_s), motion.total_s
 
 
 def _end_at_rest(motion: Motion) -> None:

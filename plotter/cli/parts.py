@@ -54,6 +54,7 @@ def plot_in_parts(
                 actions if pauses else _without_pauses(actions),
                 setup,
                 settings.draw,
+                settings.travel,
                 settings.pen.lift_s,
             )
             show = partial(_show, bar, outlook, stop, listening, total)

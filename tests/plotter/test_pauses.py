@@ -42,6 +42,10 @@ DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" width="100mm" height="60mm"
   <path d="M10 10C40 -10 60 50 90 20"/><circle cx="50" cy="30" r="12"/><path d="M12 30h.01"/>
   <path d="M10 50L30 45L50 55L70 45L90 50L10 55L90 58L10 59L20 30L40 10L20 50L60 2"/>
   <path d="M70 8l1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2"/></svg>"""
+# Every next one at the other end of the machine, so that the order does not matter.
+FAR_APART = """<svg xmlns="http://www.w3.org/2000/svg" width="290mm" height="200mm" viewBox="0 0 290 200" stroke="black">
+  <path d="M20 20l8 3"/><path d="M262 175l9 2l-5 6"/><path d="M270 20c5 0 5 9 0 9"/><path d="M20 180h5"/>
+  <path d="M140 100h.01"/></svg>"""
 # The pen comes to rest within the motion on the board, what braking takes, and the lift.
 LATEST_S = LEAD_S + 1.0
 
@@ -123,10 +127,10 @@ def replayed(memory: MemoryBoard, job: Job, tmp_path: Path) -> Report:
     return verify(list(lines), version, job.machine.kinematics(), travel_mm=(-1, -1, 999, 999), keep_strokes=False)
 
 
-def check_pauses(seed: int, firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def check_pauses(seed: int, firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drawing: str = DRAWING) -> None:
     rng = random.Random(seed)
     job, memory, operator = (
-        job_of(tmp_path, firmware),
+        job_of(tmp_path, firmware, drawing),
         MemoryBoard(firmware),
         Operator([rng.uniform(0.3, 12) for _ in range(4)]),
     )
@@ -154,6 +158,27 @@ def test_pauses_at_random_instants(seed: int, firmware: str, tmp_path: Path, mon
 def test_a_stroke_that_ends_in_the_pause_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Here the pen comes to rest nearer to the stroke's end than can be told apart, so that nothing is left of it."""
     check_pauses(127, "2.7.0", tmp_path, monkeypatch)
+
+
+def test_a_pen_on_its_way_down_is_raised_before_it_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here the first pause comes while a travel and the lowering at its end are sent: the stroke need not be begun."""
+    check_pauses(153, "3.0.3", tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("firmware", ["3.0.3", "3.0.0", "2.8.1"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_long_travel_is_paused_on_its_way(seed: int, firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Strokes of which most follow a travel of more than a second."""
+    check_pauses(seed, firmware, tmp_path, monkeypatch, FAR_APART)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("firmware", ["3.0.3", "3.0.1", "3.0.0", "2.8.1", "2.7.0"])
+def test_long_travels_are_paused_at_many_random_instants(
+    firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed in range(100, 130):
+        check_pauses(seed, firmware, tmp_path, monkeypatch, FAR_APART)
 
 
 @pytest.mark.long
