@@ -50,7 +50,7 @@ _PLACE_EVERY_S = 0.5
 _BUTTON_PRESSES, _BUTTON_STUCK_S = 3, 1.0
 # A difference between the clocks that stop in sleep and those that do not: more than their own jitter.
 _SLEPT_S = 0.5
-# How much longer than predicted the oldest command may take before the board is said to be stuck.
+# How much longer than predicted the oldest command may be waited for before the board is said to be stuck.
 _STUCK_MARGIN_S = 5.0
 
 FIFO_BIT, EXECUTING_BIT, PEN_UP_BIT, BUTTON_BIT, POWER_LOST_BIT = 0x01, 0x08, 0x10, 0x20, 0x40
@@ -172,7 +172,7 @@ class Streamer:
         self._low_lift: S2 | None = None  # the last pen move, when it was a low lift
         self._raised = False  # from there, for a pause
         self._last_motion = 0  # number of the last queued command that moves the motors
-        self._oldest_since = 0.0
+        self._oldest_since_s = 0.0
         self._oldest = 0
 
     # the loop
@@ -313,7 +313,8 @@ class Streamer:
     # asking how far the board is
 
     def _until_next_poll_s(self) -> float:
-        return self._next_poll_at - self._talk.clock()
+        """For how long to wait for news: while the poll is unanswered the news is its answer, and the next is not due."""
+        return _POLL_SLOWEST_S if self._poll else self._next_poll_at - self._talk.clock()
 
     def _ask_if_due(self) -> None:
         if self._poll or self._talk.clock() < self._next_poll_at:
@@ -338,7 +339,7 @@ class Streamer:
         self._idle = self.model.is_empty
         self._count_executed()
         self._next_poll_at = now + self._poll_interval_s(now)
-        self._watch_for_stuck(now)
+        self._watch_for_stuck()
 
     def _poll_interval_s(self, now: float) -> float:
         """Often enough that a freed place is found long before the motion queued behind it runs out."""
@@ -386,16 +387,17 @@ class Streamer:
         else:
             self._stop.pause("the board's button was pressed")
 
-    def _watch_for_stuck(self, now: float) -> None:
-        oldest = self.model.completed + 1
+    def _watch_for_stuck(self) -> None:
+        oldest, waited_s = self.model.completed + 1, self._talk.waited_s
         if self.model.is_empty or oldest != self._oldest:
-            self._oldest, self._oldest_since = oldest, now
+            self._oldest, self._oldest_since_s = oldest, waited_s
             return
         seconds = self._unexecuted[0].seconds / self._speed if self._unexecuted else 0.0
-        if now - self._oldest_since > seconds * 1.5 + _STUCK_MARGIN_S:
+        busy_s = waited_s - self._oldest_since_s
+        if busy_s > seconds * 1.5 + _STUCK_MARGIN_S:
             raise BoardRefused(
-                f"the board is busy with command {self._unexecuted[0].index + 1} for {now - self._oldest_since:.1f} s, which "
-                f"should take {seconds:.1f} s: it is stuck; power it off and on"
+                f"the board is busy with command {self._unexecuted[0].index + 1} for {busy_s:.1f} s, which should take "
+                f"{seconds:.1f} s: it is stuck; power it off and on"
             )
 
     def _count_executed(self) -> None:

@@ -414,6 +414,59 @@ def test_a_reply_that_never_comes_is_late_after_its_time() -> None:
     assert port.now_s == pytest.approx(1.0)
 
 
+def test_a_reply_that_never_comes_is_late_for_whoever_only_looks() -> None:
+    """Waits of no length pass time as well: a plot that looks again and again must not do so for ever."""
+    port = HeldUp(0.0001)
+    talk = Conversation(port, lambda: port.now_s)
+    talk.send("QU,6")
+    with pytest.raises(LinkLost, match="no answer to 'QU,6' within 1 s"):
+        for _ in range(11_000):
+            talk.receive(-0.1)
+
+
+def test_a_device_that_never_stops_talking_is_not_listened_to_for_ever() -> None:
+    memory = MemoryBoard()
+    memory.receive = lambda _timeout_s: (memory.host_stalls(0.001), b"Grbl 1.1f ['$' for help]\r\n")[1]  # type: ignore[method-assign]
+    began = memory.clock()
+    with pytest.raises(BoardRefused, match="not an EiBotBoard"):
+        connect(memory, clock=memory.clock)
+    assert memory.clock() - began < 6.0
+
+
+class HeldUpOnce(MemoryBoard):
+    """The program is stopped for `late_s` in its wait number `at`: after the answer was read, or before it had looked."""
+
+    def __init__(self, at: int, looked: bool, firmware: str = "3.0.3", late_s: float = 12.0) -> None:
+        super().__init__(firmware)
+        self.at, self.looked, self.late_s, self.waits = at, looked, late_s, 0
+
+    def receive(self, timeout_s: float) -> bytes:
+        self.waits += timeout_s > 0
+        if self.waits != self.at or timeout_s <= 0:
+            return super().receive(timeout_s)
+        data = super().receive(timeout_s) if self.looked else b""
+        self.host_stalls(self.late_s)
+        return data
+
+
+@pytest.mark.parametrize("firmware", ["3.0.3", "2.8.1"])
+@pytest.mark.parametrize("looked", [True, False])
+def test_a_program_that_is_stopped_at_any_wait_goes_on(looked: bool, firmware: str) -> None:
+    """For twelve seconds, longer than any deadline: in the handshake, in a plot, in the safe stop after it."""
+    items, at, waits = list(plot(strokes=1, moves=5)), 0, 1
+    while at < waits:
+        at += 1
+        memory = HeldUpOnce(at, looked, firmware)
+        board = connect(memory, clock=memory.clock)
+        assert board.stream(items, on_progress=lambda _: None, stop=StopFlag()).outcome == "done"
+        check_plan_is_inked(memory.record()["ink"], items)
+        report = board.safe_stop()
+        assert report.pen_up
+        assert report.detail == "stopped, pen up"
+        waits = memory.waits
+    assert at > 50
+
+
 def test_nothing_is_timed_by_the_wall_clock() -> None:
     """The wall clock jumps; one place tells a person when a plot began."""
     allowed = {"output/ebb/journal.py": 1, "plotter/journals.py": 1}
