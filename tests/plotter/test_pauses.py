@@ -28,7 +28,8 @@ from plotter.cli import parts
 from plotter.cli.keys import press
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.plot import ink_mm
-from plotter.cli.streaming import Ended
+from plotter.cli.streaming import Ended, finish
+from plotter.errors import Interrupted
 from plotter.journals import Part
 from plotter.pipeline import Job, prepare
 from plotter.settings import resolve
@@ -197,12 +198,43 @@ def test_a_pause_in_one_long_stroke_does_not_wait_for_its_end(tmp_path: Path, mo
     assert len(check_whole(memory, job)) == 3
 
 
-def test_h_goes_home_and_waits_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    job, memory, operator = job_of(tmp_path, "3.0.3"), MemoryBoard(), Operator([2.0, 6.0], key="h")
+def test_h_goes_home_and_waits_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From strokes and from between them; it is said that it goes home, and once what it waits for there."""
+    times_s = [2.0, 4.5, 6.0, 7.2, 8.4, 9.6]
+    job, memory, operator = job_of(tmp_path, "3.0.3"), MemoryBoard(), Operator(times_s, key="h")
     ended = plotted(job, memory, operator, monkeypatch)
     assert ended.result.outcome == "done"
-    assert operator.rests == [(0, 0), (0, 0)]
+    assert operator.rests == [(0, 0)] * len(times_s)
     check_whole(memory, job)
+    said = capsys.readouterr().err.splitlines()
+    going, waiting = "the pen is up: going home", "paused at home: p or the board's button goes on, q or Ctrl-C ends the plot"
+    assert said == [going, waiting] * len(times_s)
+
+
+@pytest.mark.parametrize("at_s", [2.0, 7.2])
+def test_h_in_a_pause_says_where_it_waits_then(
+    at_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job, memory, operator = job_of(tmp_path, "3.0.3"), MemoryBoard(), Operator([at_s])
+    go = StopFlag.go
+
+    def home_first(stop: StopFlag) -> None:
+        if len(operator.rests) > 1:
+            go(stop)
+        else:
+            press("h", stop)
+            operator._resting = None
+
+    monkeypatch.setattr(StopFlag, "go", home_first)
+    assert plotted(job, memory, operator, monkeypatch).result.outcome == "done"
+    check_whole(memory, job)
+    assert operator.rests[1] == (0, 0)
+    here, going, there = capsys.readouterr().err.splitlines()
+    assert here.startswith("paused by key: ")
+    assert going == "the pen is up: going home"
+    assert there.startswith("paused at home: ")
 
 
 def test_quitting_in_a_pause_stops_the_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,6 +245,11 @@ def test_quitting_in_a_pause_stops_the_motors(tmp_path: Path, monkeypatch: pytes
     state: dict[str, Any] = memory.board.state()
     assert state["pen_up"]
     assert not any(state["motors_on"])
+    with pytest.raises(Interrupted, match=r"stopped by key: x after \d+ strokes; the pen is up.*`plotter resume --homed`"):
+        finish(ended, "x")
+    with pytest.raises(Interrupted) as told:
+        finish(ended, "x", resumable=False)
+    assert "resume" not in str(told.value)
 
 
 @pytest.mark.parametrize("at_s", [0.6, 2.5, 4.4])
