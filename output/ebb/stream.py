@@ -199,7 +199,8 @@ class Streamer:
         if self.left:
             return not self._poll
         done = self._producer.exhausted and not self._in_flight and not self._poll and self.model.is_empty
-        return done and self._idle and self.progress.state is State.RUNNING and not self._marks
+        # A board that has restarted is idle as well: only its token tells that what it was sent last has been done.
+        return done and self._idle and self.progress.state is State.RUNNING and not self._marks and self._knows_board()
 
     # sending
 
