@@ -19,18 +19,21 @@ from output.ebb.control import StopFlag
 from output.ebb.firmware import firmware as firmware_named
 from output.ebb.held import PausableProgram
 from output.ebb.journal import Journal, load
+from output.ebb.resume import position_lost
 from output.ebb.session import connect
 from output.ebb.stream import LEAD_S
 from output.ebb.verify import Report, verify
 from output.ebb.verify_compare import compare
+from output.errors import LinkLost
 from plotter.board_setup import board_setup
 from plotter.cli import parts
 from plotter.cli.keys import press
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.plot import ink_mm
+from plotter.cli.resume import _place as find_left
 from plotter.cli.streaming import Ended, finish
 from plotter.errors import Interrupted
-from plotter.journals import Part
+from plotter.journals import Part, part_after
 from plotter.pipeline import Job, prepare
 from plotter.settings import resolve
 from plotter.svg.options import ReadOptions
@@ -285,6 +288,37 @@ def test_ctrl_c_without_a_terminal_leaves_a_plot_that_can_be_resumed(
     memory.on_receive = None
     again = plot_in_parts(board, job, setup, None, part)
     assert again.result.outcome == "done"
+    check_whole(memory, job)
+
+
+@pytest.mark.parametrize("at_s", [1.0, 1.3, 1.6])
+@pytest.mark.parametrize("after_s", [0.3, 0.9, 1.4, 1.7])
+def test_what_was_cut_off_while_a_travel_was_being_held_is_resumed(
+    after_s: float, at_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cable is pulled before the place of the hold is in the journal; the board finishes what it has."""
+    job, memory, operator = job_of(tmp_path, "3.0.3", FAR_APART), MemoryBoard(), Operator([at_s])
+    monkeypatch.setattr(parts, "keys", operator.keys)
+    board = connect(memory, clock=memory.clock)
+    setup = board_setup(job.settings, job.machine, board.firmware)
+
+    def pull(m: MemoryBoard) -> None:
+        operator(m)
+        if operator._asked and m.clock() - operator._asked >= after_s:
+            m.gone = True
+
+    memory.on_receive = pull
+    with pytest.raises(LinkLost), Journal.begin(tmp_path / "journal", {}) as journal:
+        plot_in_parts(board, job, setup, journal, None)
+    memory.on_receive = None
+    memory.host_stalls(3.0)
+    memory.replugged()
+    state = load(tmp_path / "journal")
+    assert state is not None
+    again = connect(memory, clock=memory.clock)
+    assert position_lost(again, state) is None
+    part = part_after(setup, Part.of(state.part), find_left(job, setup, state, again, homed=False))
+    assert plot_in_parts(again, job, setup, None, part).result.outcome == "done"
     check_whole(memory, job)
 
 
