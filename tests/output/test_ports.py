@@ -114,6 +114,17 @@ def test_a_board_that_comes_back_under_another_name_is_known_by_its_nickname() -
         wait_for_board("East", 1.0, find=lambda: [WEST], sleep=lambda s: now.__setitem__(0, now[0] + s), clock=lambda: now[0])
 
 
+def test_a_board_that_comes_back_while_the_program_is_stopped_is_found() -> None:
+    now, east = [0.0], FoundPort("/dev/z", "East")
+    lists = iter([[], [east]])
+
+    def find() -> list[FoundPort]:
+        now[0] += 10.0
+        return next(lists)
+
+    assert wait_for_board("East", 5.0, find=find, sleep=lambda _: None, clock=lambda: now[0]) == "/dev/z"
+
+
 # opening
 
 
