@@ -33,7 +33,7 @@ from output.ebb.encode import BoardSetup, Encoder, epilogue
 from output.ebb.producer import BUFFER_ITEMS
 from output.ebb.program import Mark, Program, StrokeMark
 from output.ebb.resume import Place
-from planning.motion.hold import run_out, stop_on_path
+from planning.motion.hold import run_out, stop_on_line, stop_on_path
 from planning.motion.limits import Limits
 from planning.motion.plan import TICK_S, Action, Draw, Lift, Lower, Motion, Travel, joined_motion, still
 
@@ -220,9 +220,10 @@ class PausableProgram:
             paced = motion if pace >= _FULL_PACE else _paced(motion, pace)
             from_s = min(at_s / pace, paced.total_s)
             lowering = approach.lowers is not None and taken > approach.lowers
-            stopping, end_s = run_out(paced, from_s) if lowering else stop_on_path(paced, from_s, self._along(motion))
-            if not approach.on_the_way and end_s >= paced.total_s - TICK_S:
+            brake = None if lowering else self._braked(paced, from_s)
+            if brake is None and not approach.on_the_way:
                 return None  # at the stroke's mark the stream itself can wait, the pen being up
+            stopping = run_out(paced, from_s)[0] if brake is None else brake
         elif not approach.on_the_way and taken == approach.arrived:
             return None
         items, steps = self._stopped(stopping, approach.states[-1])
@@ -254,17 +255,19 @@ class PausableProgram:
         pace = (look_s[places[-1]] - look_s[places[begin]]) / ((ticks[-1] - ticks[begin]) * TICK_S)
         return min(float(look_s[place]), motion.total_s), float(np.clip(pace, 0.05, 1.0))
 
-    def _along(self, motion: Motion) -> Limits:
-        """The limits of a travel as norms: along a straight one what both motors may, which is more than in any direction."""
-        way, limits = motion.end_mm - motion.start_mm, self._travel_limits
+    def _braked(self, travel: Motion, from_s: float) -> Motion | None:
+        """The travel brought to rest on its way; None where it ends before that. Along a straight one both motors together may
+        do more than `travel_limits` allow in every direction."""
+        way, limits = travel.end_mm - travel.start_mm, self._travel_limits
         length = np.hypot(*way)
-        beside = np.abs(motion.velocity_mm_s @ np.array([-way[1], way[0]])).max(initial=0.0)
+        beside = np.abs(travel.velocity_mm_s @ np.array([-way[1], way[0]])).max(initial=0.0)
         if length == 0.0 or beside > _STRAIGHT * length * limits.speed_mm_s:
-            return limits
+            stopping, end_s = stop_on_path(travel, from_s, limits)
+            return None if end_s >= travel.total_s - TICK_S else stopping
         rows = self._setup.kinematics.steps_per_mm
         share = float((np.abs(rows @ way) / (length * np.linalg.norm(rows, axis=1))).max())
         speed, acceleration, jerk = limits.speed_mm_s / share, limits.acceleration_mm_s2 / share, limits.jerk_mm_s3 / share
-        return Limits(speed, acceleration, jerk, limits.tolerance_mm)
+        return stop_on_line(travel, from_s, Limits(speed, acceleration, jerk, limits.tolerance_mm))
 
     def _steps(self, motion: Motion, at_s: Array) -> Array:
         return self._setup.kinematics.steps(motion.sample(at_s)[0] - self._setup.origin_mm)

@@ -29,6 +29,7 @@ from output.ebb.program import (
     DipMark,
     LayerMark,
     Mark,
+    Note,
     PauseMark,
     Program,
     StrokeEnd,
@@ -168,6 +169,7 @@ class Streamer:
         self._hold_tried_at = -1
         self._slept_s = suspended_s()
         self._approached = False
+        self._lowering = False  # on the way: the rest of the travel follows at once
         self._pen_pin: int | None = None  # RB pin of the last SP; None is its default, 1
         self._low_lift: S2 | None = None  # the last pen move, when it was a low lift
         self._raised = False  # from there, for a pause
@@ -213,6 +215,7 @@ class Streamer:
                     return
                 self._send(item)
             else:
+                self._lowering = self._lowering and not isinstance(item, StrokeMark)
                 self._marks.append((self.model.sent, item))
                 if isinstance(item, PauseMark) or (self._may_hold(item) and self._stop.pause_reason is not None):
                     message = item.message if isinstance(item, PauseMark) else self._stop.pause_reason or ""
@@ -224,6 +227,8 @@ class Streamer:
 
     def _may_hold(self, mark: Mark) -> bool:
         """Before a stroke, with the pen up: at its approach where the pen is lowered on the way, else at its own mark."""
+        if isinstance(mark, Note):  # in the midst of anything
+            return False
         approached, self._approached = self._approached, isinstance(mark, ApproachMark)
         return self._approached or isinstance(mark, DipMark) or (isinstance(mark, StrokeMark) and not approached)
 
@@ -243,6 +248,8 @@ class Streamer:
         if _may_lower(command) and self._talk.pending:
             # Were the travel before it lost (a restart, a refusal), a pen-down already on the wire would leave a dot there.
             return False
+        if _may_lower(command) and self._approached and not self._rest_of_travel_fits():
+            return False
         if not command.queued:
             return True
         if isinstance(command, MotionCommand) and self._stands and not self._producer.has_s(LEAD_S):
@@ -255,7 +262,18 @@ class Streamer:
             )
         if self.model.room() < command.fifo_entries:
             return False
-        return lead_s * self._speed < LEAD_S or self.model.sent - self.model.completed < 3
+        return self._lowering or lead_s * self._speed < LEAD_S or self.model.sent - self.model.completed < 3
+
+    def _rest_of_travel_fits(self) -> bool:
+        """Whether a lowering on the way can be followed at once by the rest of its travel, without which it would leave a dot
+
+        beside its stroke: were this program killed then, or planning late.
+        """
+        rest = self._producer.until(StrokeMark)
+        if rest is None:
+            return False
+        entries = sum(item.fifo_entries for item in rest if isinstance(item, Command))
+        return self.model.room() >= min(entries, self.model.depth)
 
     @property
     def _stands(self) -> bool:
@@ -283,6 +301,7 @@ class Streamer:
         number = self._talk.send(wire)
         sent = _Sent(0, self.progress.commands_sent, board_time_s(command))
         self._note_height(command)
+        self._lowering = self._lowering or (self._approached and _may_lower(command))
         if command.queued:
             self._enqueued(command, sent)
         self._in_flight[number] = sent

@@ -119,7 +119,13 @@ def test_after_a_kill_the_board_finished_by_itself_or_its_motors_were_let_go(
 ) -> None:
     """A second of motion is on the board: killed in its last one, a plot runs to its end. Motors let go by hand differ."""
     with start_virtual_board() as board:
-        plot_and_kill(drawing, board, 5.6, signal.SIGKILL)
+        process = plotting(drawing, board)
+        deadline = time.monotonic() + 60
+        while not any(line == "EM,0,0" for _, _, line in board.record()["wire"]) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        process.kill()
+        process.communicate(timeout=30)
+        assert process.returncode == -signal.SIGKILL
         assert run(["resume", "--port", board.port]) == 0, capsys.readouterr().err
         assert "all of it had been drawn" in capsys.readouterr().out
         check_whole(board, drawing)

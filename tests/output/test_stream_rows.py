@@ -7,19 +7,19 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from output.ebb.abilities import abilities_of
-from output.ebb.commands import EM, SC, SM, SP
+from output.ebb.commands import EM, SC, SM, SP, Command
 from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.journal import Journal, load
-from output.ebb.program import StrokeEnd
+from output.ebb.program import ApproachMark, Mark, Note, StrokeEnd, StrokeMark
 from output.ebb.protocol import Protocol
 from output.ebb.resume import position_lost
 from output.ebb.session import connect
@@ -175,6 +175,57 @@ def test_a_button_that_is_stuck_pauses_once_and_names_the_wiring() -> None:
     assert "wiring" in states[-1][1]
     wired = next(i for i, (_, message) in enumerate(states) if "wiring" in message)
     assert all(state is not State.RUNNING for state, _ in states[wired:]), "it must not go on by itself"
+
+
+def test_a_lowering_on_the_way_waits_for_the_rest_of_its_travel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planning is late with it. Were the program killed before the rest is sent, the pen would fall beside its stroke."""
+    monkeypatch.undo()
+    memory, planned = MemoryBoard(), threading.Event()
+    board = connect(memory, clock=memory.clock)
+
+    def items() -> Iterator[Command | Mark]:
+        yield from [SC(4, 20000), SC(5, 14000), EM(1, 1), SP(1, 60), ApproachMark(), SM(2000, 300, 300), SP(0)]
+        planned.wait(60)
+        yield from [SM(20, 3, 3), StrokeMark(0), SP(0, 100), SM(50, 10, 0), StrokeEnd(0, (313, 303)), SP(1, 60)]
+
+    began = memory.clock()
+
+    def plan(m: MemoryBoard) -> None:
+        time.sleep(0.0005)  # the thread's turn
+        if m.clock() - began > 4.0:
+            planned.set()
+
+    memory.on_receive = plan
+    assert board.stream(items(), on_progress=lambda _: None, stop=StopFlag()).outcome == "done"
+    sent = {data.decode().strip(): at - began for at, data in memory.written}
+    assert sent["SP,0"] > 4.0
+    assert sent["SM,20,3,3"] - sent["SP,0"] < 0.01
+
+
+def test_a_note_on_the_way_down_is_no_place_to_wait() -> None:
+    """The pen is falling: a pause before the stroke would leave it there."""
+    memory, stop = MemoryBoard(), StopFlag()
+    board = connect(memory, clock=memory.clock)
+    items: list[Command | Mark] = [SC(4, 20000), SC(5, 14000), EM(1, 1), SP(1, 60)]
+    items += [ApproachMark(), *[SM(500, 75, 75)] * 4, SP(0), SM(20, 3, 3), Note("slowed down")]
+    items += [StrokeMark(0), SP(0, 100), SM(50, 10, 0), StrokeEnd(0, (313, 303)), SP(1, 60)]
+    items += [StrokeMark(1), SP(0, 100), SP(1, 60)]
+    paused: list[bool] = []
+    began = memory.clock()
+
+    def press(m: MemoryBoard) -> None:
+        if not paused and m.clock() - began > 0.3 and stop.pause_reason is None:
+            stop.pause("test")
+
+    def watch(progress: Progress) -> None:
+        if progress.state is State.PAUSED:
+            paused.append(memory.board.state()["pen_up"])
+            stop.go()
+
+    memory.on_receive = press
+    assert board.stream(items, on_progress=watch, stop=stop).outcome == "done"
+    assert paused
+    assert all(paused)
 
 
 # every command in every state

@@ -133,10 +133,11 @@ def replayed(memory: MemoryBoard, job: Job, tmp_path: Path) -> Report:
 
 def check_pauses(seed: int, firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drawing: str = DRAWING) -> None:
     rng = random.Random(seed)
+    until_s = 12 if drawing == DRAWING else 6
     job, memory, operator = (
         job_of(tmp_path, firmware, drawing),
         MemoryBoard(firmware),
-        Operator([rng.uniform(0.3, 12) for _ in range(4)]),
+        Operator([rng.uniform(0.3, until_s) for _ in range(4)]),
     )
     ended = plotted(job, memory, operator, monkeypatch)
     assert ended.result.outcome == "done"
