@@ -1,7 +1,10 @@
 """Commands with deadlines over one port: the protocol core, the port and the clock brought together.
 
 Every command has its own bound for its reply, in time spent waiting for it. Motion is never sent again: a reply that did not
-come may mean a command that was done. Clock: the host's monotonic seconds.
+come may mean a command that was done.
+
+Clocks: the host's monotonic seconds, and `waited_s`, in which every deadline for the board is counted: it stands still while
+this program is held up (SIGSTOP, a busy computer), when the board, or the system between, may have had no turn either.
 """
 
 from __future__ import annotations
@@ -19,7 +22,10 @@ from output.errors import BoardRefused, LinkLost
 
 # The slowest command to parse takes the board 6 ms; the rest of this second is for a busy host and a slow USB hub.
 REPLY_TIMEOUT_S = 1.0
-_LONGEST_WAIT_S, _NOTHING_S = 0.25, 1e-6
+_LONGEST_WAIT_S, NOTHING_S = 0.1, 1e-6
+# A wait that comes back this much after its time was held up. So much is counted beyond each wait's own time, for what this
+# program does between two of them: a deadline also comes for whoever only looks, or for a board that never stops talking.
+_HELD_UP_S = 0.01
 _CLOCKS_TOGETHER_S, _CLOCK_READINGS = 0.05, 20
 
 Clock = Callable[[], float]
@@ -41,7 +47,8 @@ class Conversation:
         self.clock = clock
         self.protocol = protocol or Protocol()
         self._due: deque[_Due] = deque()
-        self._waited_s = 0.0
+        self.waited_s = 0.0
+        self._waited_until = clock()
 
     @property
     def pending(self) -> int:
@@ -51,24 +58,17 @@ class Conversation:
     def send(self, wire: str, timeout_s: float = REPLY_TIMEOUT_S) -> int:
         """Writes a command; its number comes back with its reply. Raises LinkLost."""
         number, data = self.protocol.send(wire)
-        self._due.append(_Due(number, wire, self._waited_s + timeout_s, timeout_s))
+        self._due.append(_Due(number, wire, self.waited_s + timeout_s, timeout_s))
         self.port.send(data)
         return number
 
     def receive(self, timeout_s: float) -> list[Event]:
         """What the board says within `timeout_s`; returns at the first news, or early when the port is woken.
 
-        Raises LinkLost when the port is gone, or when the oldest reply is overdue. Only time spent waiting here counts: when
-        this program was held up (SIGSTOP, a busy computer), the board or the system between may have had no turn either.
+        Raises LinkLost when the port is gone, or when the oldest reply is overdue.
         """
-        allowed_s = max(0.0, min(timeout_s, self._left_s(), _LONGEST_WAIT_S))
-        before = self.clock()
-        data = self.port.receive(allowed_s)
-        self._waited_s += min(self.clock() - before, allowed_s)
-        if not data and self._left_s() < _NOTHING_S:
-            # A wait that a signal cut short after its time (SIGCONT) comes back empty without having looked.
-            data = self.port.receive(0.0)
-        if not data and self._left_s() < _NOTHING_S:
+        data = self.wait(min(timeout_s, self._left_s()))
+        if not data and self._left_s() < NOTHING_S:
             late = self._due[0]
             raise LinkLost(
                 f"{self.port.name}: no answer to {late.wire!r} within {late.timeout_s:g} s, so the board hangs or a reply "
@@ -80,9 +80,26 @@ class Conversation:
                 self._settle(event.number)
         return events
 
+    def wait(self, timeout_s: float) -> bytes:
+        """What the port has within `timeout_s` of `waited_s`; returns early when woken, and after a tenth of a second.
+
+        Raises LinkLost when the port is gone.
+        """
+        allowed_s, before = min(max(0.0, timeout_s), _LONGEST_WAIT_S), self.clock()
+        data = self.port.receive(allowed_s)
+        after = self.clock()
+        held_up = after - before > allowed_s + _HELD_UP_S
+        if held_up and not data:
+            # Held up, or cut short after its time by a signal (SIGCONT), it may have come back without having looked.
+            data = self.port.receive(0.0)
+        counted_s = 0.0 if held_up and data else allowed_s
+        self.waited_s += min(after - self._waited_until, counted_s + _HELD_UP_S)
+        self._waited_until = after
+        return data
+
     def _left_s(self) -> float:
         """For how long the oldest reply may still be waited for."""
-        return self._due[0].overdue_at_s - self._waited_s if self._due else math.inf
+        return self._due[0].overdue_at_s - self.waited_s if self._due else math.inf
 
     def _settle(self, number: int) -> None:
         while self._due and self._due[0].number <= number:
@@ -107,10 +124,10 @@ class Conversation:
         False when the board does not answer in time. Raises LinkLost when the port is gone.
         """
         self._due.clear()
-        deadline = self.clock() + timeout_s
+        deadline_s = self.waited_s + timeout_s
         self.port.send(self.protocol.resync(secrets.randbelow(0xFFFFFFFF) + 1))
-        while (left_s := deadline - self.clock()) > 0:
-            for event in self.protocol.receive(self.port.receive(left_s)):
+        while (left_s := deadline_s - self.waited_s) > NOTHING_S:
+            for event in self.protocol.receive(self.wait(left_s)):
                 if isinstance(event, Resynced):
                     return True
         return False

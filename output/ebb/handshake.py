@@ -8,7 +8,7 @@ syntax, and then find the place in the replies by a token that cannot have been 
 from __future__ import annotations
 
 from output.ebb.abilities import Abilities, abilities_of
-from output.ebb.conversation import Conversation
+from output.ebb.conversation import NOTHING_S, Conversation
 from output.errors import BoardRefused, LinkLost
 
 _QUIET_S = 0.03
@@ -48,15 +48,15 @@ def greet(talk: Conversation) -> Abilities:
 
 def _drain(talk: Conversation) -> None:
     """Reads until the line has been quiet for a moment; bounded, because a stuck sender never falls quiet."""
-    end = talk.clock() + _DRAIN_S
-    while talk.clock() < end and talk.port.receive(_QUIET_S):
+    end_s = talk.waited_s + _DRAIN_S
+    while talk.waited_s < end_s and talk.wait(_QUIET_S):
         pass
 
 
 def _version_line(talk: Conversation, timeout_s: float) -> tuple[str | None, bytes]:
-    end, heard = talk.clock() + timeout_s, bytearray()
-    while (left_s := end - talk.clock()) > 0:
-        heard += talk.port.receive(left_s)
+    end_s, heard = talk.waited_s + timeout_s, bytearray()
+    while (left_s := end_s - talk.waited_s) > NOTHING_S:
+        heard += talk.wait(left_s)
         *lines, _unfinished = bytes(heard[-2048:]).replace(b"\r", b"\n").split(b"\n")
         for line in lines:
             if b"Firmware Version" in line and b"EBB" in line:

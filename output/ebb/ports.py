@@ -106,11 +106,12 @@ def wait_for_board(
     """
     end = clock() + timeout_s
     while True:
+        late = clock() >= end  # before it looks: it looks once more when this program was stopped meanwhile
         boards = find()
         same = [board for board in boards if board.nickname == nickname]
         if len(same) == 1:
             return same[0].device
-        if clock() >= end:
+        if late:
             name = f"the board {nickname!r}" if nickname else "the board"
             raise LinkLost(f"{name} did not come back within {timeout_s:g} s: plug it in, then `plotter resume`")
         sleep(0.2)

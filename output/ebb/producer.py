@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable
+from itertools import takewhile
 
 from output.ebb.board_time import board_time_s
 from output.ebb.commands import Command
@@ -67,6 +68,13 @@ class Producer:
                 if seconds <= 0:
                     return True
             return False
+
+    def until(self, kind: type[Mark]) -> list[Item] | None:
+        """The items before the next mark of this kind, or before the end; None while that has not been made."""
+        with self._changed:
+            found = list(takewhile(lambda item: not isinstance(item, kind), self._items))
+            known = len(found) < len(self._items) or self._ended or len(found) > self._capacity // 2
+            return found if known else None
 
     @property
     def exhausted(self) -> bool:

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from output.ebb.abilities import Abilities
-from output.ebb.conversation import Conversation
+from output.ebb.conversation import NOTHING_S, Conversation
 from output.errors import BoardRefused, LinkLost
 
 DEADLINE_S = 0.5
@@ -64,7 +64,7 @@ def safe_stop(
     try:
         # The first CR ends a line that a failed write may have left half sent.
         talk.port.send(("\r" + "".join(f"{command}\r" for command in commands)).encode("ascii"))
-        interrupted, answered = _await_answers(talk, commands, began + deadline_s)
+        interrupted, answered = _await_answers(talk, commands, talk.waited_s + deadline_s)
         took_s = talk.clock() - began
         in_step = talk.resync(deadline_s)
         pen_up = in_step and _wait_for_pen(talk)
@@ -82,20 +82,20 @@ def _wait_for_pen(talk: Conversation) -> bool:
 
     Firmware 2 does not take servo moves and delays out of its queue at ES: the raising may have to wait for one of each.
     """
-    end = talk.clock() + _PEN_TIMEOUT_S
+    end_s = talk.waited_s + _PEN_TIMEOUT_S
     while talk.ask("QP") != "1":
-        if talk.clock() >= end:
+        if talk.waited_s >= end_s:
             return False
         talk.receive(_ASK_EVERY_S)
     return True
 
 
-def _await_answers(talk: Conversation, commands: list[str], deadline: float) -> tuple[bool | None, bool]:
-    """Looks for the answer to ES and then for one to each later command, in either syntax."""
+def _await_answers(talk: Conversation, commands: list[str], deadline_s: float) -> tuple[bool | None, bool]:
+    """Looks for the answer to ES and then for one to each later command, in either syntax, until `deadline_s` (waited)."""
     interrupted: bool | None = None
     wanted = [command.split(",")[0] for command in commands[1:]]
     legacy_ok_due = False
-    for text in _lines(talk, deadline):
+    for text in _lines(talk, deadline_s):
         if interrupted is None:
             if _ES_ANSWER.fullmatch(text):
                 interrupted = text.removeprefix("ES,").startswith("1")
@@ -109,9 +109,9 @@ def _await_answers(talk: Conversation, commands: list[str], deadline: float) -> 
     return interrupted, False
 
 
-def _lines(talk: Conversation, deadline: float) -> Iterator[str]:
+def _lines(talk: Conversation, deadline_s: float) -> Iterator[str]:
     rest = b""
-    while (left_s := deadline - talk.clock()) > 0:
-        rest += talk.port.receive(left_s)
+    while (left_s := deadline_s - talk.waited_s) > NOTHING_S:
+        rest += talk.wait(left_s)
         *lines, rest = re.split(rb"[\r\n]+", rest[-4096:])
         yield from (line.decode("ascii", "replace") for line in lines if line)

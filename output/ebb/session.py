@@ -148,9 +148,9 @@ class Board:
 
     def wait_until_still(self, timeout_s: float) -> None:
         """Returns when nothing executes or waits any more. Raises BoardRefused after `timeout_s`."""
-        end = self._talk.clock() + timeout_s
+        end_s = self._talk.waited_s + timeout_s
         while self.is_moving():
-            if self._talk.clock() >= end:
+            if self._talk.waited_s >= end_s:
                 raise BoardRefused(f"the board is still busy after {timeout_s:g} s: stop it with `plotter disable`")
             self._talk.receive(_ASK_EVERY_S)
 

@@ -29,6 +29,7 @@ from output.ebb.program import (
     DipMark,
     LayerMark,
     Mark,
+    Note,
     PauseMark,
     Program,
     StrokeEnd,
@@ -50,7 +51,7 @@ _PLACE_EVERY_S = 0.5
 _BUTTON_PRESSES, _BUTTON_STUCK_S = 3, 1.0
 # A difference between the clocks that stop in sleep and those that do not: more than their own jitter.
 _SLEPT_S = 0.5
-# How much longer than predicted the oldest command may take before the board is said to be stuck.
+# How much longer than predicted the oldest command may be waited for before the board is said to be stuck.
 _STUCK_MARGIN_S = 5.0
 
 FIFO_BIT, EXECUTING_BIT, PEN_UP_BIT, BUTTON_BIT, POWER_LOST_BIT = 0x01, 0x08, 0x10, 0x20, 0x40
@@ -168,11 +169,12 @@ class Streamer:
         self._hold_tried_at = -1
         self._slept_s = suspended_s()
         self._approached = False
+        self._lowering = False  # on the way: the rest of the travel follows at once
         self._pen_pin: int | None = None  # RB pin of the last SP; None is its default, 1
         self._low_lift: S2 | None = None  # the last pen move, when it was a low lift
         self._raised = False  # from there, for a pause
         self._last_motion = 0  # number of the last queued command that moves the motors
-        self._oldest_since = 0.0
+        self._oldest_since_s = 0.0
         self._oldest = 0
 
     # the loop
@@ -199,7 +201,8 @@ class Streamer:
         if self.left:
             return not self._poll
         done = self._producer.exhausted and not self._in_flight and not self._poll and self.model.is_empty
-        return done and self._idle and self.progress.state is State.RUNNING and not self._marks
+        # A board that has restarted is idle as well: only its token tells that what it was sent last has been done.
+        return done and self._idle and self.progress.state is State.RUNNING and not self._marks and self._knows_board()
 
     # sending
 
@@ -212,6 +215,7 @@ class Streamer:
                     return
                 self._send(item)
             else:
+                self._lowering = self._lowering and not isinstance(item, StrokeMark)
                 self._marks.append((self.model.sent, item))
                 if isinstance(item, PauseMark) or (self._may_hold(item) and self._stop.pause_reason is not None):
                     message = item.message if isinstance(item, PauseMark) else self._stop.pause_reason or ""
@@ -223,6 +227,8 @@ class Streamer:
 
     def _may_hold(self, mark: Mark) -> bool:
         """Before a stroke, with the pen up: at its approach where the pen is lowered on the way, else at its own mark."""
+        if isinstance(mark, Note):  # in the midst of anything
+            return False
         approached, self._approached = self._approached, isinstance(mark, ApproachMark)
         return self._approached or isinstance(mark, DipMark) or (isinstance(mark, StrokeMark) and not approached)
 
@@ -242,6 +248,8 @@ class Streamer:
         if _may_lower(command) and self._talk.pending:
             # Were the travel before it lost (a restart, a refusal), a pen-down already on the wire would leave a dot there.
             return False
+        if _may_lower(command) and self._approached and not self._rest_of_travel_fits():
+            return False
         if not command.queued:
             return True
         if isinstance(command, MotionCommand) and self._stands and not self._producer.has_s(LEAD_S):
@@ -254,7 +262,18 @@ class Streamer:
             )
         if self.model.room() < command.fifo_entries:
             return False
-        return lead_s * self._speed < LEAD_S or self.model.sent - self.model.completed < 3
+        return self._lowering or lead_s * self._speed < LEAD_S or self.model.sent - self.model.completed < 3
+
+    def _rest_of_travel_fits(self) -> bool:
+        """Whether a lowering on the way can be followed at once by the rest of its travel, without which it would leave a dot
+
+        beside its stroke: were this program killed then, or planning late.
+        """
+        rest = self._producer.until(StrokeMark)
+        if rest is None:
+            return False
+        entries = sum(item.fifo_entries for item in rest if isinstance(item, Command))
+        return self.model.room() >= min(entries, self.model.depth)
 
     @property
     def _stands(self) -> bool:
@@ -282,6 +301,7 @@ class Streamer:
         number = self._talk.send(wire)
         sent = _Sent(0, self.progress.commands_sent, board_time_s(command))
         self._note_height(command)
+        self._lowering = self._lowering or (self._approached and _may_lower(command))
         if command.queued:
             self._enqueued(command, sent)
         self._in_flight[number] = sent
@@ -313,7 +333,8 @@ class Streamer:
     # asking how far the board is
 
     def _until_next_poll_s(self) -> float:
-        return self._next_poll_at - self._talk.clock()
+        """For how long to wait for news: while the poll is unanswered the news is its answer, and the next is not due."""
+        return _POLL_SLOWEST_S if self._poll else self._next_poll_at - self._talk.clock()
 
     def _ask_if_due(self) -> None:
         if self._poll or self._talk.clock() < self._next_poll_at:
@@ -338,7 +359,7 @@ class Streamer:
         self._idle = self.model.is_empty
         self._count_executed()
         self._next_poll_at = now + self._poll_interval_s(now)
-        self._watch_for_stuck(now)
+        self._watch_for_stuck()
 
     def _poll_interval_s(self, now: float) -> float:
         """Often enough that a freed place is found long before the motion queued behind it runs out."""
@@ -386,16 +407,17 @@ class Streamer:
         else:
             self._stop.pause("the board's button was pressed")
 
-    def _watch_for_stuck(self, now: float) -> None:
-        oldest = self.model.completed + 1
+    def _watch_for_stuck(self) -> None:
+        oldest, waited_s = self.model.completed + 1, self._talk.waited_s
         if self.model.is_empty or oldest != self._oldest:
-            self._oldest, self._oldest_since = oldest, now
+            self._oldest, self._oldest_since_s = oldest, waited_s
             return
         seconds = self._unexecuted[0].seconds / self._speed if self._unexecuted else 0.0
-        if now - self._oldest_since > seconds * 1.5 + _STUCK_MARGIN_S:
+        busy_s = waited_s - self._oldest_since_s
+        if busy_s > seconds * 1.5 + _STUCK_MARGIN_S:
             raise BoardRefused(
-                f"the board is busy with command {self._unexecuted[0].index + 1} for {now - self._oldest_since:.1f} s, which "
-                f"should take {seconds:.1f} s: it is stuck; power it off and on"
+                f"the board is busy with command {self._unexecuted[0].index + 1} for {busy_s:.1f} s, which should take "
+                f"{seconds:.1f} s: it is stuck; power it off and on"
             )
 
     def _count_executed(self) -> None:

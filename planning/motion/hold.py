@@ -26,7 +26,7 @@ from planning.errors import ImpossiblePlan
 from planning.motion import banded, spline
 from planning.motion.limits import Limits
 from planning.motion.path import Array, Ints
-from planning.motion.plan import TICK_S, Motion, joined_motion
+from planning.motion.plan import TICK_S, Motion, joined_motion, still
 
 # Below this part of plan speed the stop is a plain ramp.
 SLOW = 0.3
@@ -68,7 +68,7 @@ def stop_on_path(motion: Motion, from_s: float, limits: Limits) -> tuple[Motion,
         for _ in range(STOP_ATTEMPTS):
             ramp = _ramp(motion, start, min(total, start + HORIZON_S), limits, gentle)
             if ramp is None or start + ramp.plan_s[-1] >= total:
-                return _run_out(motion, begin)
+                return run_out(motion, begin)
             duration = int(np.ceil(ramp.tau_s[-1] / TICK_S))
             knots = _knots(motion, ramp.tau_s, start + ramp.plan_s, duration)
             at = start + np.interp(knots * TICK_S, ramp.tau_s, ramp.plan_s)
@@ -76,12 +76,51 @@ def stop_on_path(motion: Motion, from_s: float, limits: Limits) -> tuple[Motion,
             if found is not None:
                 return _joined(_part(motion, begin, start), found), start + float(ramp.plan_s[-1])
             gentle *= GENTLER
-    return _run_out(motion, begin)
+    return run_out(motion, begin)
 
 
-def _run_out(motion: Motion, from_s: float) -> tuple[Motion, float]:
+def stop_on_line(motion: Motion, from_s: float, limits: Limits) -> Motion | None:
+    """Come to rest on a straight motion's own line, from its state at plan time `from_s` (rounded up to a tick), in the least
+    time that `limits`, along it, allow. No pieces where it has not begun; None where the motion ends before that.
+
+    The acceleration goes from a0 to p within t1, stays for t2, and goes back to 0 within t3. Whole ticks of at least the
+    least times only lower p and the jerk:
+
+        p = -(v0 + a0 t1 / 2) / (t1 / 2 + t2 + t3 / 2)
+    """
+    begin = _tick_up(motion, from_s)
+    q, v, a, _ = (x[0] for x in motion.sample(np.array([begin])))
+    left_mm = float(np.hypot(*(motion.end_mm - q)))
+    if begin >= motion.total_s - TICK_S / 2.0 or left_mm == 0.0:
+        return None
+    if begin < TICK_S / 2.0:
+        return still(q)
+    along = (motion.end_mm - q) / left_mm
+    v0, a0 = float(v @ along), float(a @ along)
+    most = min(limits.acceleration_mm_s2, float(np.sqrt(max(limits.jerk_mm_s3 * v0 + a0**2 / 2.0, 0.0))))
+    if most <= -a0 or v0 <= 0.0:
+        return None
+    least_s = np.array([(a0 + most) / limits.jerk_mm_s3, 0.0, most / limits.jerk_mm_s3])
+    least_s[1] = max((v0 + (a0 - most) * least_s[0] / 2.0 - most * least_s[2] / 2.0) / most, 0.0)
+    t = np.maximum(np.ceil(least_s / TICK_S - 1e-6), [1.0, 0.0, 1.0]) * TICK_S
+    peak = -(v0 + a0 * t[0] / 2.0) / (t[0] / 2.0 + t[1] + t[2] / 2.0)
+    jerk, acceleration = np.array([(peak - a0) / t[0], 0.0, -peak / t[2]]), np.array([a0, peak, peak])
+    gained = acceleration * t + jerk * t**2 / 2.0
+    speed = v0 + np.concatenate(([0.0], np.cumsum(gained)[:2]))
+    way_mm = np.cumsum(speed * t + acceleration * t**2 / 2.0 + jerk * t**3 / 6.0)
+    if way_mm[-1] >= left_mm:
+        return None
+    at_mm = np.concatenate(([0.0], way_mm))[:, None] * along + q
+    some = t > 0.0
+    speed_mm_s, acceleration_mm_s2, jerk_mm_s3 = (x[some, None] * along for x in (speed, acceleration, jerk))
+    return Motion(t[some], at_mm[:-1][some], speed_mm_s, acceleration_mm_s2, jerk_mm_s3, at_mm[-1])
+
+
+def run_out(motion: Motion, from_s: float) -> tuple[Motion, float]:
+    """What is left of the motion from plan time `from_s` (rounded up to a tick) on; it must end at rest. As `stop_on_path`."""
+    begin = _tick_up(motion, from_s)
     _end_at_rest(motion)
-    return _part(motion, from_s, motion.total_s), motion.total_s
+    return _part(motion, begin, motion.total_s), motion.total_s
 
 
 def _end_at_rest(motion: Motion) -> None:

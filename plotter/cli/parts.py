@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -28,7 +30,7 @@ from planning.motion.plan import Action, OperatorPause, Travel
 from planning.motion.travel import travel
 from plotter.board_setup import HOME_MM
 from plotter.cli.keys import keys
-from plotter.cli.say import Bar, notes, passed_over, progress_bar
+from plotter.cli.say import AT_HOME, Bar, notes, passed_over, progress_bar
 from plotter.cli.streaming import Ended, guesses_s
 from plotter.journals import Part, layers_left, part_actions, part_after, part_beginning, position_mm
 from plotter.pipeline import Job, motion_settings
@@ -54,6 +56,7 @@ def plot_in_parts(
                 actions if pauses else _without_pauses(actions),
                 setup,
                 settings.draw,
+                settings.travel,
                 settings.pen.lift_s,
             )
             show = partial(_show, bar, outlook, stop, listening, total)
@@ -72,6 +75,8 @@ def plot_in_parts(
                 result = replace(result, outcome="paused")
                 break
             if stop.home_asked:
+                with suppress(OSError):  # the terminal may have been closed meanwhile
+                    bar.tell("the pen is up: going home")
                 _go_home(board, setup, job, part, stop)
                 part = replace(part, start_mm=(0.0, 0.0))
     if result.outcome != "done":
@@ -84,7 +89,9 @@ def plot_in_parts(
 def _note_part(board: Board, journal: Journal | None, part: Part | None) -> None:
     if journal is not None:
         facts = {} if part is None else asdict(part)
-        journal.part({**facts, "token": board.begin_job(), "nickname": board.nickname() or ""})
+        port = Path(board.port_name)
+        place = str(port.absolute()) if port.exists() else board.port_name
+        journal.part({**facts, "token": board.begin_job(), "nickname": board.nickname() or "", "port": place})
 
 
 def _beginning(setup: BoardSetup, part: Part | None, stop: StopFlag) -> Iterator[Command | Mark]:
@@ -116,7 +123,7 @@ def _show(bar: Bar, outlook: _Outlook, stop: StopFlag, listening: bool, before: 
     outlook.tell(bar)
     if progress.state is State.PAUSED and _ends_here(stop, listening):
         stop.leave()
-    bar.show(_together(before, progress))
+    bar.show(_together(before, progress), leaving=stop.leave_asked)
 
 
 def _ends_here(stop: StopFlag, listening: bool) -> bool:
@@ -144,13 +151,15 @@ def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFl
     """Travel home from where the part begins, and stay in the pause."""
     settings = motion_settings(job.settings, job.machine)
     way = travel(np.array(part.start_mm), HOME_MM, settings.travel, settings.kinematics, settings.bounds_mm)
-    stop.home_asked = False
+    stop.home_asked = stop.leave_asked = False
 
     def items() -> Iterator[Command | Mark]:
         yield from prologue(setup, keep_counters=True)
         yield from encode([Travel(way)], setup)
 
     board.stream(items(), on_progress=lambda _: None, stop=stop)
+    if stop.pause_reason is not None:  # else the operator has said go meanwhile
+        stop.pause(AT_HOME, stop.pause_signal)
 
 
 def _without_pauses(actions: Iterator[Action]) -> Iterator[Action]:

@@ -94,7 +94,9 @@ def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | Non
         setup = board_setup(job.settings, job.machine, board.firmware)
         journal = None if head is None else context.enter_context(_begun(head))
         ended = plot_in_parts(board, job, setup, journal, _first_part(job), pauses=attended)
-    finish(ended, f"{job.name} on {board.port_name}, firmware {board.firmware}", resumable=journal is not None)
+    # What was read from standard input is gone, and so is what a full disk did not take.
+    resumable = head is not None and head["file"] != "-" and journal is not None and not journal.trouble
+    finish(ended, f"{job.name} on {board.port_name}, firmware {board.firmware}", resumable=resumable)
     click.echo(_summary(job, ended))
     if ended.total.stalls and board_speed <= 1:
         stalls, stalled_s = ended.total.stalls, ended.total.stalled_s

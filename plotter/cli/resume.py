@@ -2,34 +2,36 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
+from pathlib import Path
 
 import click
 import numpy as np
 
 from output.ebb.encode import BoardSetup
 from output.ebb.journal import Journal, PlotState
-from output.ebb.ports import choose_port, wait_for_board
+from output.ebb.ports import choose_port, find_ports, wait_for_board
 from output.ebb.resume import Place, find_place, position_lost, ran_out
 from output.ebb.session import Board, connect
 from output.errors import BoardRefused, LinkLost
 from plotter.board_setup import board_setup
 from plotter.cli.awake import awake
 from plotter.cli.parts import plot_in_parts
-from plotter.cli.streaming import finish
+from plotter.cli.streaming import FROM_HOME, finish
 from plotter.journals import Part, interrupted_plot, journal_path, made_again, part_after, part_program
 from plotter.pipeline import Job
 from plotter.units import spoken_duration
 
 _STILL_TIMEOUT_S = 10.0
 _BACK_TIMEOUT_S = 5.0
-_HOME = "run `plotter align`, push the carriage to its home corner, then `plotter resume --homed`"
+_HOME = f"run `plotter align`, {FROM_HOME}"
+# Terminals that Unix numbers: the next one that is opened, anybody's, gets the number of one that has gone.
+_TERMINAL = re.compile(r"/dev/(pts/|ttys)[0-9]+")
 
 
 @click.command()
-@click.option(
-    "--port", help="Serial port or nickname of the board. Default: the board with the plot's nickname, else the only one."
-)
+@click.option("--port", help="Serial port or nickname of the board. Default: the plot's own, else the only one there is.")
 @click.option("--homed", is_flag=True, help="The carriage was pushed to its home corner: count from there.")
 def resume(port: str | None, homed: bool) -> None:
     """Go on with the plot that was interrupted: killed, cut off, or stopped.
@@ -65,13 +67,22 @@ def resume(port: str | None, homed: bool) -> None:
 
 
 def _port(state: PlotState, wanted: str | None) -> str:
-    """The port to open: unless one is wanted, that of the board with the plot's nickname, under whatever name it is back, else
-    of the only board there is. Whether it is the plot's board its token tells."""
-    nickname = state.part.get("nickname")
+    """The port to open: unless one is wanted, the plot's own where no list of boards has it (a virtual board, a link to one);
+    else that of the board with the plot's nickname, under whatever name it is back, else of the only board there is. Whether
+    it is the plot's board its token tells."""
+    nickname, port = state.part.get("nickname"), state.part.get("port")
+    if wanted is None and isinstance(port, str) and _is_there_unlisted(port):
+        return port
     if wanted is None and isinstance(nickname, str) and nickname:
         with suppress(LinkLost):
             return wait_for_board(nickname, _BACK_TIMEOUT_S)
     return choose_port(wanted)
+
+
+def _is_there_unlisted(port: str) -> bool:
+    if _TERMINAL.fullmatch(port) or not Path(port).is_char_device():
+        return False
+    return all(board.device != port for board in find_ports())
 
 
 def _all_drawn(job: Job, setup: BoardSetup, state: PlotState, board: Board) -> bool:

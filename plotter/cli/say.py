@@ -17,6 +17,9 @@ from plotter.units import spoken_duration
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+# The message of a pause at the home position.
+AT_HOME = "paused at home"
+
 
 def notes(sentences: Iterable[str]) -> None:
     """Each sentence once, on stderr."""
@@ -55,12 +58,14 @@ class Bar:
         pace = done.board_time_s / guessed_s if guessed_s else 1.0
         return max(all_s * pace - done.board_time_s, 0.0)
 
-    def show(self, done: StreamProgress) -> None:
-        """Called by the stream; must never fail for a terminal that went away."""
+    def show(self, done: StreamProgress, *, leaving: bool = False) -> None:
+        """Called by the stream; must never fail for a terminal that went away. `leaving`: the pause is left as soon as it
+        begins, so that it is not told what ends it."""
         paused = done.message if done.state is State.PAUSED else ""
         try:
-            if paused and paused != self._paused:
-                self._tell(f"{paused}: p or the board's button goes on, h goes home, q or Ctrl-C ends the plot")
+            if paused and paused != self._paused and not leaving:
+                home = "" if paused == AT_HOME else "h goes home, "
+                self.tell(f"{paused}: p or the board's button goes on, {home}q or Ctrl-C ends the plot")
             self._paused = paused
             if self.progress is not None:
                 left_s = self.left_s(done)
@@ -72,8 +77,8 @@ class Bar:
         except OSError:
             self.progress = None
 
-    def _tell(self, sentence: str) -> None:
-        """A line on stderr, above the bar where there is one."""
+    def tell(self, sentence: str) -> None:
+        """A line on stderr, above the bar where there is one. Raises OSError when the terminal is gone."""
         if self.progress is None:
             click.echo(sentence, err=True)
         else:

@@ -72,7 +72,7 @@ def _send_to(
         if not attended:
             items = list(_without_pauses(items))
         ended = streamed(board, (line.item for line in items), [report.duration_s])
-    finish(ended, f"{file} on {board.port_name}")
+    finish(ended, f"{file} on {board.port_name}", resumable=False)
     click.echo(f"sent {file}: {counted(report.commands, 'command')}, {spoken_duration(report.duration_s)} of board time")
 
 

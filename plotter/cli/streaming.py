@@ -18,6 +18,9 @@ from plotter.cli.say import progress_bar
 from plotter.errors import Interrupted, Paused
 from plotter.pipeline import Job, stroke_guess_s
 
+# How a plot goes on whose motors have let go.
+FROM_HOME = "push the carriage to its home corner, then `plotter resume --homed`"
+
 
 def patience_s(speed: float) -> float:
     """How long the virtual board waits for this computer before it runs dry: in real time not at all, as a board would."""
@@ -58,7 +61,8 @@ def guesses_s(job: Job) -> list[float]:
 
 
 def finish(ended: Ended, where: str, *, resumable: bool = True) -> None:
-    """Raises Paused or Interrupted for a plot that did not come to its end, saying what became of the pen."""
+    """Raises Paused or Interrupted for a plot that did not come to its end, saying what became of the pen, and, where it is
+    `resumable`, how to go on."""
     result, strokes = ended.result, f"after {counted(ended.total.strokes_done, 'stroke')}"
     if result.outcome == "done":
         return
@@ -68,4 +72,5 @@ def finish(ended: Ended, where: str, *, resumable: bool = True) -> None:
         raise Interrupted(f"stopped by Ctrl-C: {where} {strokes}; the pen is up")
     report = result.stop
     pen = "the pen is up" if report is not None and report.pen_up else "THE PEN MAY BE DOWN: lift it by hand"
-    raise Interrupted(f"{result.reason}: {where} {strokes}; {pen} and the motors are off")
+    again = f"; {FROM_HOME} to go on with it" if resumable else ""
+    raise Interrupted(f"{result.reason}: {where} {strokes}; {pen} and the motors are off{again}")

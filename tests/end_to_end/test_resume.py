@@ -119,7 +119,13 @@ def test_after_a_kill_the_board_finished_by_itself_or_its_motors_were_let_go(
 ) -> None:
     """A second of motion is on the board: killed in its last one, a plot runs to its end. Motors let go by hand differ."""
     with start_virtual_board() as board:
-        plot_and_kill(drawing, board, 5.6, signal.SIGKILL)
+        process = plotting(drawing, board)
+        deadline = time.monotonic() + 60
+        while not any(line == "EM,0,0" for _, _, line in board.record()["wire"]) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        process.kill()
+        process.communicate(timeout=30)
+        assert process.returncode == -signal.SIGKILL
         assert run(["resume", "--port", board.port]) == 0, capsys.readouterr().err
         assert "all of it had been drawn" in capsys.readouterr().out
         check_whole(board, drawing)
@@ -220,9 +226,17 @@ def test_ctrl_c_without_a_terminal_pauses_on_the_path_and_is_resumed(drawing: Pa
         check_whole(board, drawing)
 
 
-def test_two_ctrl_cs_stop(drawing: Path) -> None:
+def test_two_ctrl_cs_stop_and_say_how_to_go_on(drawing: Path) -> None:
     with start_virtual_board() as board:
-        assert plot_and_kill(drawing, board, 1.5, signal.SIGINT, signal.SIGINT) == 130
+        process = plotting(drawing, board)
+        wait_for_motion(board)
+        time.sleep(1.5)
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+        assert process.returncode == 130
+        assert b"push the carriage to its home corner, then `plotter resume --homed`" in errors
         check_stopped(board)
 
 
@@ -302,6 +316,30 @@ def test_a_cable_that_was_pulled_and_is_in_again_under_another_name(
         time.sleep(2.0)
         assert run(["resume"]) == 0, capsys.readouterr().err
         check_whole(board, drawing)
+
+
+def test_a_port_that_no_list_has_is_found_again(drawing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The port that the plot was given by name, here a link to a pseudo-terminal, is in its journal."""
+    with start_virtual_board(pty=tmp_path / "ebb") as board:
+        link = str(tmp_path / "ebb")
+        process = plotting(drawing, board, "--port", link)
+        wait_for_motion(board)
+        time.sleep(1.0)
+        process.kill()
+        process.communicate(timeout=30)
+        assert run(["resume"]) == 0, capsys.readouterr().err
+        check_whole(board, drawing)
+
+
+def test_a_numbered_terminal_is_not_opened_unasked(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its number may be another's by now."""
+    with start_virtual_board() as board:
+        plot_and_kill(drawing, board, 0.3, signal.SIGKILL)
+        before = board.record()["stepper_moves"]
+        assert run(["resume"]) == 4
+        assert "no EiBotBoard is plugged in" in capsys.readouterr().err
+        time.sleep(1.5)
+        assert board.record()["stepper_moves"] <= before + 64
 
 
 def test_a_new_plot_says_what_it_takes_the_place_of(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -182,8 +182,9 @@ def test_kills_at_two_hundred_random_instants(tmp_path: Path) -> None:
 @pytest.mark.parametrize("stroke", [1, 4])
 def test_a_pulled_cable_is_told_within_a_second(stroke: int, tmp_path: Path) -> None:
     with start_virtual_board(speed=4, faults=[{"fault": "hangup", "at": {"stroke": stroke}}]) as board:
-        began = time.monotonic()
         with plotting(board, tmp_path / "j", 4) as process:
+            wait_for_motion(process)
+            began = time.monotonic()
             code, said = outcome(process)
         assert code == 4
         assert "may be down" in said["error"]
@@ -237,8 +238,12 @@ def test_a_stopped_host_past_every_deadline(tmp_path: Path) -> None:
 def test_two_programs_cannot_have_one_board(tmp_path: Path) -> None:
     with start_virtual_board(speed=2) as board, plotting(board, tmp_path / "a", 2) as first:
         wait_for_motion(first)
-        with plotting(board, tmp_path / "b", 2) as second:
-            code, said = outcome(second)
+        first.send_signal(signal.SIGSTOP)  # so that it is not over before the second one has begun
+        try:
+            with plotting(board, tmp_path / "b", 2) as second:
+                code, said = outcome(second)
+        finally:
+            first.send_signal(signal.SIGCONT)
         assert code == 3
         assert f"process {first.pid}" in said["error"]
         code, _ = outcome(first)

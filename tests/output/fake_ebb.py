@@ -15,6 +15,8 @@ from dataclasses import dataclass, field
 from output.errors import LinkLost
 
 Fault = Callable[["FakeEbb", int, str], bytes | None]
+# How finely it lives on while the host waits.
+_STEP_S = 0.0005
 
 
 @dataclass
@@ -89,8 +91,7 @@ class FakeEbb:
         if self._woken:
             self._woken = False
             return b""
-        horizon = self.now + max(timeout_s, 1e-4)
-        self._work(horizon)
+        horizon = self._live(self.now + max(timeout_s, 1e-4))
         if self._out and self._out[0][0] <= horizon:
             self.now = max(self.now, self._out[0][0])
             data = b""
@@ -109,6 +110,15 @@ class FakeEbb:
         self.dead = True
 
     # the board
+
+    def _live(self, until: float) -> float:
+        """The board lives on until it has said something, or until that time; returns how far it came."""
+        at = self.now
+        while at < until and not (self._out and self._out[0][0] <= at):
+            # In short steps, so that it does not run ahead of what it is sent next.
+            at = min(at + _STEP_S, until)
+            self._work(at)
+        return at
 
     def _work(self, horizon: float) -> None:
         while self._in and not self.deaf:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 
 import pytest
 
 from output.ebb.producer import Item
+from output.ebb.program import Mark
 
 
 class InlineProducer:
@@ -15,13 +17,14 @@ class InlineProducer:
     def __init__(self, program: Iterable[Item], on_news: Callable[[], None]) -> None:  # noqa: ARG002 - the same signature
         self._items: Iterator[Item] = iter(program)
         self._next: Item | None = None
+        self._ahead: deque[Item] = deque()
         self.exhausted = False
         self._pull()
 
     def _pull(self) -> None:
         self._error: BaseException | None = None
         try:
-            self._next = next(self._items)
+            self._next = self._ahead.popleft() if self._ahead else next(self._items)
         except StopIteration:
             self._next, self.exhausted = None, True
         except BaseException as error:  # comes out of `peek`, as it does from the thread
@@ -37,6 +40,19 @@ class InlineProducer:
 
     def has_s(self, seconds: float) -> bool:  # noqa: ARG002 - whatever is asked for is made at once
         return True
+
+    def until(self, kind: type[Mark]) -> list[Item]:
+        found = [] if self._next is None else [self._next]
+        for item in self._ahead:
+            if isinstance(item, kind):
+                return found
+            found.append(item)
+        for item in self._items:
+            self._ahead.append(item)
+            if isinstance(item, kind):
+                break
+            found.append(item)
+        return found
 
     def close(self) -> None:
         return

@@ -8,6 +8,7 @@ import select
 import stat
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,7 +17,8 @@ from types import SimpleNamespace
 import pytest
 import serial
 
-from output.ebb.link import WRITE_TIMEOUT_S, SerialPort
+from output.ebb import link
+from output.ebb.link import CLOSE_TIMEOUT_S, WRITE_TIMEOUT_S, SerialPort
 from output.ebb.port_lock import PortLock
 from output.ebb.ports import FoundPort, choose_port, find_ports, wait_for_board
 from output.ebb.session import connect
@@ -110,6 +112,17 @@ def test_a_board_that_comes_back_under_another_name_is_known_by_its_nickname() -
     )
     with pytest.raises(LinkLost, match="did not come back within 1 s"):
         wait_for_board("East", 1.0, find=lambda: [WEST], sleep=lambda s: now.__setitem__(0, now[0] + s), clock=lambda: now[0])
+
+
+def test_a_board_that_comes_back_while_the_program_is_stopped_is_found() -> None:
+    now, east = [0.0], FoundPort("/dev/z", "East")
+    lists = iter([[], [east]])
+
+    def find() -> list[FoundPort]:
+        now[0] += 10.0
+        return next(lists)
+
+    assert wait_for_board("East", 5.0, find=find, sleep=lambda _: None, clock=lambda: now[0]) == "/dev/z"
 
 
 # opening
@@ -216,14 +229,23 @@ def test_a_pulled_cable_is_a_lost_link_for_every_verb() -> None:
     port.wake()
 
 
-def test_a_board_that_reads_nothing_cannot_hold_us(terminal: tuple[int, str]) -> None:
+def test_a_board_that_reads_nothing_cannot_hold_us(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is waited for once, and looked at once more; how long a busy computer takes over that is its own affair."""
     _, name = terminal
     port = SerialPort(name)
-    began = time.monotonic()
+    in_vain: list[float] = []
+
+    def wait(fd: int, timeout_s: float, writable: Callable[[int, float], bool] = link._writable) -> bool:
+        if not (there := writable(fd, timeout_s)):
+            in_vain.append(timeout_s)
+        return there
+
+    monkeypatch.setattr(link, "_writable", wait)
     with pytest.raises(LinkLost, match="took no bytes"):
         for _ in range(100):
             port.send(b"x" * 1000)
-    assert time.monotonic() - began < 1.0
+    assert in_vain == [WRITE_TIMEOUT_S, 0.0]
+    assert WRITE_TIMEOUT_S <= 0.5
     port.close()
 
 
@@ -273,10 +295,12 @@ def test_a_wait_to_write_that_outlasted_its_time_looks_again(
 def test_closing_has_a_deadline(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
     _, name = terminal
     port = SerialPort(name)
-    monkeypatch.setattr(port._serial, "close", lambda: time.sleep(30))
-    began = time.monotonic()
+    release, closed = threading.Event(), []
+    monkeypatch.setattr(port._serial, "close", lambda: closed.append(release.wait(30)))
     port.close()
-    assert time.monotonic() - began < 1.5
+    assert closed == [], "it comes back while the close is hanging"
+    assert CLOSE_TIMEOUT_S <= 1.0
+    release.set()
 
 
 def test_waiting_ends_when_woken(terminal: tuple[int, str]) -> None:
@@ -284,8 +308,8 @@ def test_waiting_ends_when_woken(terminal: tuple[int, str]) -> None:
     port = SerialPort(name)
     port.wake()
     began = time.monotonic()
-    assert port.receive(5.0) == b""
-    assert time.monotonic() - began < 0.5
+    assert port.receive(60.0) == b""
+    assert time.monotonic() - began < 30.0
     port.close()
 
 

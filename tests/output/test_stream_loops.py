@@ -303,6 +303,7 @@ def operated(script: list[tuple[float, str]], firmware: str, journal_path: Path)
 
 
 @example(script=[(0.0625, "reboot")], firmware="2.8.1")
+@example(script=[(0.75, "reboot")], firmware="2.8.1")
 @given(
     script=st.lists(st.tuples(st.floats(0.0, 1.6), st.sampled_from(ACTIONS)), max_size=6),
     firmware=st.sampled_from(["3.0.3", "3.0.0", "2.8.1"]),

@@ -7,19 +7,19 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from output.ebb.abilities import abilities_of
-from output.ebb.commands import EM, SC, SM, SP
+from output.ebb.commands import EM, SC, SM, SP, Command
 from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.journal import Journal, load
-from output.ebb.program import StrokeEnd
+from output.ebb.program import ApproachMark, Mark, Note, StrokeEnd, StrokeMark
 from output.ebb.protocol import Protocol
 from output.ebb.resume import position_lost
 from output.ebb.session import connect
@@ -177,6 +177,57 @@ def test_a_button_that_is_stuck_pauses_once_and_names_the_wiring() -> None:
     assert all(state is not State.RUNNING for state, _ in states[wired:]), "it must not go on by itself"
 
 
+def test_a_lowering_on_the_way_waits_for_the_rest_of_its_travel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planning is late with it. Were the program killed before the rest is sent, the pen would fall beside its stroke."""
+    monkeypatch.undo()
+    memory, planned = MemoryBoard(), threading.Event()
+    board = connect(memory, clock=memory.clock)
+
+    def items() -> Iterator[Command | Mark]:
+        yield from [SC(4, 20000), SC(5, 14000), EM(1, 1), SP(1, 60), ApproachMark(), SM(2000, 300, 300), SP(0)]
+        planned.wait(60)
+        yield from [SM(20, 3, 3), StrokeMark(0), SP(0, 100), SM(50, 10, 0), StrokeEnd(0, (313, 303)), SP(1, 60)]
+
+    began = memory.clock()
+
+    def plan(m: MemoryBoard) -> None:
+        time.sleep(0.0005)  # the thread's turn
+        if m.clock() - began > 4.0:
+            planned.set()
+
+    memory.on_receive = plan
+    assert board.stream(items(), on_progress=lambda _: None, stop=StopFlag()).outcome == "done"
+    sent = {data.decode().strip(): at - began for at, data in memory.written}
+    assert sent["SP,0"] > 4.0
+    assert sent["SM,20,3,3"] - sent["SP,0"] < 0.01
+
+
+def test_a_note_on_the_way_down_is_no_place_to_wait() -> None:
+    """The pen is falling: a pause before the stroke would leave it there."""
+    memory, stop = MemoryBoard(), StopFlag()
+    board = connect(memory, clock=memory.clock)
+    items: list[Command | Mark] = [SC(4, 20000), SC(5, 14000), EM(1, 1), SP(1, 60)]
+    items += [ApproachMark(), *[SM(500, 75, 75)] * 4, SP(0), SM(20, 3, 3), Note("slowed down")]
+    items += [StrokeMark(0), SP(0, 100), SM(50, 10, 0), StrokeEnd(0, (313, 303)), SP(1, 60)]
+    items += [StrokeMark(1), SP(0, 100), SP(1, 60)]
+    paused: list[bool] = []
+    began = memory.clock()
+
+    def press(m: MemoryBoard) -> None:
+        if not paused and m.clock() - began > 0.3 and stop.pause_reason is None:
+            stop.pause("test")
+
+    def watch(progress: Progress) -> None:
+        if progress.state is State.PAUSED:
+            paused.append(memory.board.state()["pen_up"])
+            stop.go()
+
+    memory.on_receive = press
+    assert board.stream(items, on_progress=watch, stop=stop).outcome == "done"
+    assert paused
+    assert all(paused)
+
+
 # every command in every state
 
 
@@ -272,6 +323,8 @@ def check_errors_at(kind: type, name: str, monkeypatch: pytest.MonkeyPatch, tmp_
         return real(*arguments, **named)
 
     def plotted() -> None:
+        # The same tokens each time: with their lengths the number of calls would differ, and the last might not be reached.
+        monkeypatch.setattr("secrets.randbelow", random.Random(1).randrange)
         memory = MemoryBoard()
         board = connect(memory, clock=memory.clock)
         calls[0] = 0
@@ -412,6 +465,59 @@ def test_a_reply_that_never_comes_is_late_after_its_time() -> None:
         for _ in range(100):
             talk.receive(0.07)
     assert port.now_s == pytest.approx(1.0)
+
+
+def test_a_reply_that_never_comes_is_late_for_whoever_only_looks() -> None:
+    """Waits of no length pass time as well: a plot that looks again and again must not do so for ever."""
+    port = HeldUp(0.0001)
+    talk = Conversation(port, lambda: port.now_s)
+    talk.send("QU,6")
+    with pytest.raises(LinkLost, match="no answer to 'QU,6' within 1 s"):
+        for _ in range(11_000):
+            talk.receive(-0.1)
+
+
+def test_a_device_that_never_stops_talking_is_not_listened_to_for_ever() -> None:
+    memory = MemoryBoard()
+    memory.receive = lambda _timeout_s: (memory.host_stalls(0.001), b"Grbl 1.1f ['$' for help]\r\n")[1]  # type: ignore[method-assign]
+    began = memory.clock()
+    with pytest.raises(BoardRefused, match="not an EiBotBoard"):
+        connect(memory, clock=memory.clock)
+    assert memory.clock() - began < 6.0
+
+
+class HeldUpOnce(MemoryBoard):
+    """The program is stopped for `late_s` in its wait number `at`: after the answer was read, or before it had looked."""
+
+    def __init__(self, at: int, looked: bool, firmware: str = "3.0.3", late_s: float = 12.0) -> None:
+        super().__init__(firmware)
+        self.at, self.looked, self.late_s, self.waits = at, looked, late_s, 0
+
+    def receive(self, timeout_s: float) -> bytes:
+        self.waits += timeout_s > 0
+        if self.waits != self.at or timeout_s <= 0:
+            return super().receive(timeout_s)
+        data = super().receive(timeout_s) if self.looked else b""
+        self.host_stalls(self.late_s)
+        return data
+
+
+@pytest.mark.parametrize("firmware", ["3.0.3", "2.8.1"])
+@pytest.mark.parametrize("looked", [True, False])
+def test_a_program_that_is_stopped_at_any_wait_goes_on(looked: bool, firmware: str) -> None:
+    """For twelve seconds, longer than any deadline: in the handshake, in a plot, in the safe stop after it."""
+    items, at, waits = list(plot(strokes=1, moves=5)), 0, 1
+    while at < waits:
+        at += 1
+        memory = HeldUpOnce(at, looked, firmware)
+        board = connect(memory, clock=memory.clock)
+        assert board.stream(items, on_progress=lambda _: None, stop=StopFlag()).outcome == "done"
+        check_plan_is_inked(memory.record()["ink"], items)
+        report = board.safe_stop()
+        assert report.pen_up
+        assert report.detail == "stopped, pen up"
+        waits = memory.waits
+    assert at > 50
 
 
 def test_nothing_is_timed_by_the_wall_clock() -> None:

@@ -101,10 +101,12 @@ def test_with_room_in_the_queue_a_stop_is_immediate() -> None:
         host.handshake(depth=8)
         for _ in range(4):
             host.ask(b"SM,2000,100,100")
-        asked = time.monotonic()
         assert host.ask(b"ES") == b"ES,1\n"
-        assert time.monotonic() - asked < 0.2
         assert board.state()["idle"]
+        # By the board's own clock: eight seconds of motion were queued, and next to none of it was made.
+        record = board.record()
+        assert record["parser_blocked"] == []
+        assert record["position"][0] < 200
 
 
 def test_a_late_host_is_an_underrun_and_not_a_longer_move() -> None:
@@ -206,11 +208,12 @@ def test_a_doubled_reply() -> None:
 
 
 def test_a_split_reply_comes_whole_in_the_end() -> None:
-    with faulty(fault="split", at=AT, after=2, delay_real_s=0.2) as (_, host):
+    with faulty(fault="split", at=AT, after=2, delay_real_s=1.0) as (_, host):
         host.handshake()
         host.port.write(b"QP\r")
-        time.sleep(0.1)
-        assert host.port.read(host.port.in_waiting) == b"QP"
+        # All that was asked for comes at once, or both parts are there: a host that is held up for that second sees no split.
+        assert host.port.read(2) == b"QP"
+        assert host.port.in_waiting == 0
         assert host.line() == b",1\n"
 
 

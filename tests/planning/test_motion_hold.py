@@ -8,9 +8,10 @@ from scipy.spatial import cKDTree
 
 from planning.geometry.stroke import Stroke
 from planning.motion.draw import draw_motions
-from planning.motion.hold import FIT_MM, resume_on_path, stop_on_path
+from planning.motion.hold import FIT_MM, resume_on_path, stop_on_line, stop_on_path
 from planning.motion.limits import Kinematics, Limits
 from planning.motion.plan import Motion, still
+from planning.motion.travel import straight
 from tests.planning.motion_checks import assert_continuous, assert_whole_ticks, assert_within_limits, samples
 
 COREXY = Kinematics(np.array([[80.0, 80.0], [80.0, -80.0]]), 25000.0)
@@ -62,6 +63,34 @@ def test_stop_and_resume_anywhere(limits: Limits, seed: int) -> None:
             assert_continuous(going)
             assert_within_limits(going, limits)
             assert_on(going, motion)
+
+
+@pytest.mark.parametrize("limits", SETS)
+@pytest.mark.parametrize("length_mm", [0.5, 20.0, 250.0])
+def test_a_travel_stops_on_its_line_in_the_least_time(limits: Limits, length_mm: float) -> None:
+    speed, acceleration, jerk = limits.speed_mm_s, limits.acceleration_mm_s2, limits.jerk_mm_s3
+    motion = straight(np.array([3.0, 4.0]), np.array([3.0, 4.0]) + length_mm * np.array([0.6, -0.8]), speed, acceleration, jerk)
+    stopped = 0
+    for from_s in np.linspace(0.0, motion.total_s, 60):
+        stopping = stop_on_line(motion, float(from_s), limits)
+        if stopping is None or not len(stopping):
+            assert stopping is None or from_s == 0.0
+            continue
+        stopped += 1
+        assert_whole_ticks(stopping)
+        assert_continuous(stopping, from_rest=False)
+        assert_within_limits(stopping, limits)
+        begin = np.array([min(np.ceil(from_s / 40e-6 - 1e-6) * 40e-6, motion.total_s)])
+        p, v, a, _ = (x[0] for x in motion.sample(begin))
+        assert np.abs(stopping.start_mm - p).max() < 1e-9
+        assert np.abs(stopping.velocity_mm_s[0] - v).max() < 1e-6
+        assert np.abs(stopping.acceleration_mm_s2[0] - a).max() < 1e-4
+        assert (motion.end_mm - stopping.end_mm) @ np.array([0.6, -0.8]) > -1e-9
+        assert abs((motion.end_mm - stopping.end_mm) @ np.array([0.8, 0.6])) < 1e-9
+        # From speeding up to slowing down, the slowing down, and its end.
+        assert stopping.total_s <= speed / acceleration + 3.0 * acceleration / jerk + 1e-3
+        assert stopping.total_s <= motion.total_s - begin[0] + 4 * 40e-6
+    assert stopped > 15
 
 
 def test_a_time_outside_the_motion_is_refused() -> None:

@@ -19,17 +19,21 @@ from output.ebb.control import StopFlag
 from output.ebb.firmware import firmware as firmware_named
 from output.ebb.held import PausableProgram
 from output.ebb.journal import Journal, load
+from output.ebb.resume import position_lost
 from output.ebb.session import connect
 from output.ebb.stream import LEAD_S
 from output.ebb.verify import Report, verify
 from output.ebb.verify_compare import compare
+from output.errors import LinkLost
 from plotter.board_setup import board_setup
 from plotter.cli import parts
 from plotter.cli.keys import press
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.plot import ink_mm
-from plotter.cli.streaming import Ended
-from plotter.journals import Part
+from plotter.cli.resume import _place as find_left
+from plotter.cli.streaming import Ended, finish
+from plotter.errors import Interrupted
+from plotter.journals import Part, part_after
 from plotter.pipeline import Job, prepare
 from plotter.settings import resolve
 from plotter.svg.options import ReadOptions
@@ -42,6 +46,10 @@ DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" width="100mm" height="60mm"
   <path d="M10 10C40 -10 60 50 90 20"/><circle cx="50" cy="30" r="12"/><path d="M12 30h.01"/>
   <path d="M10 50L30 45L50 55L70 45L90 50L10 55L90 58L10 59L20 30L40 10L20 50L60 2"/>
   <path d="M70 8l1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2 1 2 1-2"/></svg>"""
+# Every next one at the other end of the machine, so that the order does not matter.
+FAR_APART = """<svg xmlns="http://www.w3.org/2000/svg" width="290mm" height="200mm" viewBox="0 0 290 200" stroke="black">
+  <path d="M20 20l8 3"/><path d="M262 175l9 2l-5 6"/><path d="M270 20c5 0 5 9 0 9"/><path d="M20 180h5"/>
+  <path d="M140 100h.01"/></svg>"""
 # The pen comes to rest within the motion on the board, what braking takes, and the lift.
 LATEST_S = LEAD_S + 1.0
 
@@ -123,12 +131,13 @@ def replayed(memory: MemoryBoard, job: Job, tmp_path: Path) -> Report:
     return verify(list(lines), version, job.machine.kinematics(), travel_mm=(-1, -1, 999, 999), keep_strokes=False)
 
 
-def check_pauses(seed: int, firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def check_pauses(seed: int, firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drawing: str = DRAWING) -> None:
     rng = random.Random(seed)
+    until_s = 12 if drawing == DRAWING else 6
     job, memory, operator = (
-        job_of(tmp_path, firmware),
+        job_of(tmp_path, firmware, drawing),
         MemoryBoard(firmware),
-        Operator([rng.uniform(0.3, 12) for _ in range(4)]),
+        Operator([rng.uniform(0.3, until_s) for _ in range(4)]),
     )
     ended = plotted(job, memory, operator, monkeypatch)
     assert ended.result.outcome == "done"
@@ -156,6 +165,27 @@ def test_a_stroke_that_ends_in_the_pause_is_counted(tmp_path: Path, monkeypatch:
     check_pauses(127, "2.7.0", tmp_path, monkeypatch)
 
 
+def test_a_pen_on_its_way_down_is_raised_before_it_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here the first pause comes while a travel and the lowering at its end are sent: the stroke need not be begun."""
+    check_pauses(153, "3.0.3", tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("firmware", ["3.0.3", "3.0.0", "2.8.1"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_long_travel_is_paused_on_its_way(seed: int, firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Strokes of which most follow a travel of more than a second."""
+    check_pauses(seed, firmware, tmp_path, monkeypatch, FAR_APART)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("firmware", ["3.0.3", "3.0.1", "3.0.0", "2.8.1", "2.7.0"])
+def test_long_travels_are_paused_at_many_random_instants(
+    firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed in range(100, 130):
+        check_pauses(seed, firmware, tmp_path, monkeypatch, FAR_APART)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("firmware", ["3.0.3", "3.0.1", "3.0.0", "2.8.1", "2.7.0"])
 def test_pauses_at_many_random_instants(firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,12 +202,43 @@ def test_a_pause_in_one_long_stroke_does_not_wait_for_its_end(tmp_path: Path, mo
     assert len(check_whole(memory, job)) == 3
 
 
-def test_h_goes_home_and_waits_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    job, memory, operator = job_of(tmp_path, "3.0.3"), MemoryBoard(), Operator([2.0, 6.0], key="h")
+def test_h_goes_home_and_waits_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From strokes and from between them; it is said that it goes home, and once what it waits for there."""
+    times_s = [2.0, 4.5, 6.0, 7.2, 8.4, 9.6]
+    job, memory, operator = job_of(tmp_path, "3.0.3"), MemoryBoard(), Operator(times_s, key="h")
     ended = plotted(job, memory, operator, monkeypatch)
     assert ended.result.outcome == "done"
-    assert operator.rests == [(0, 0), (0, 0)]
+    assert operator.rests == [(0, 0)] * len(times_s)
     check_whole(memory, job)
+    said = capsys.readouterr().err.splitlines()
+    going, waiting = "the pen is up: going home", "paused at home: p or the board's button goes on, q or Ctrl-C ends the plot"
+    assert said == [going, waiting] * len(times_s)
+
+
+@pytest.mark.parametrize("at_s", [2.0, 7.2])
+def test_h_in_a_pause_says_where_it_waits_then(
+    at_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job, memory, operator = job_of(tmp_path, "3.0.3"), MemoryBoard(), Operator([at_s])
+    go = StopFlag.go
+
+    def home_first(stop: StopFlag) -> None:
+        if len(operator.rests) > 1:
+            go(stop)
+        else:
+            press("h", stop)
+            operator._resting = None
+
+    monkeypatch.setattr(StopFlag, "go", home_first)
+    assert plotted(job, memory, operator, monkeypatch).result.outcome == "done"
+    check_whole(memory, job)
+    assert operator.rests[1] == (0, 0)
+    here, going, there = capsys.readouterr().err.splitlines()
+    assert here.startswith("paused by key: ")
+    assert going == "the pen is up: going home"
+    assert there.startswith("paused at home: ")
 
 
 def test_quitting_in_a_pause_stops_the_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,6 +249,11 @@ def test_quitting_in_a_pause_stops_the_motors(tmp_path: Path, monkeypatch: pytes
     state: dict[str, Any] = memory.board.state()
     assert state["pen_up"]
     assert not any(state["motors_on"])
+    with pytest.raises(Interrupted, match=r"stopped by key: x after \d+ strokes; the pen is up.*`plotter resume --homed`"):
+        finish(ended, "x")
+    with pytest.raises(Interrupted) as told:
+        finish(ended, "x", resumable=False)
+    assert "resume" not in str(told.value)
 
 
 @pytest.mark.parametrize("at_s", [0.6, 2.5, 4.4])
@@ -223,6 +289,37 @@ def test_ctrl_c_without_a_terminal_leaves_a_plot_that_can_be_resumed(
     memory.on_receive = None
     again = plot_in_parts(board, job, setup, None, part)
     assert again.result.outcome == "done"
+    check_whole(memory, job)
+
+
+@pytest.mark.parametrize("at_s", [1.0, 1.3, 1.6])
+@pytest.mark.parametrize("after_s", [0.3, 0.9, 1.4, 1.7])
+def test_what_was_cut_off_while_a_travel_was_being_held_is_resumed(
+    after_s: float, at_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cable is pulled before the place of the hold is in the journal; the board finishes what it has."""
+    job, memory, operator = job_of(tmp_path, "3.0.3", FAR_APART), MemoryBoard(), Operator([at_s])
+    monkeypatch.setattr(parts, "keys", operator.keys)
+    board = connect(memory, clock=memory.clock)
+    setup = board_setup(job.settings, job.machine, board.firmware)
+
+    def pull(m: MemoryBoard) -> None:
+        operator(m)
+        if operator._asked and m.clock() - operator._asked >= after_s:
+            m.gone = True
+
+    memory.on_receive = pull
+    with pytest.raises(LinkLost), Journal.begin(tmp_path / "journal", {}) as journal:
+        plot_in_parts(board, job, setup, journal, None)
+    memory.on_receive = None
+    memory.host_stalls(3.0)
+    memory.replugged()
+    state = load(tmp_path / "journal")
+    assert state is not None
+    again = connect(memory, clock=memory.clock)
+    assert position_lost(again, state) is None
+    part = part_after(setup, Part.of(state.part), find_left(job, setup, state, again, homed=False))
+    assert plot_in_parts(again, job, setup, None, part).result.outcome == "done"
     check_whole(memory, job)
 
 
