@@ -102,6 +102,7 @@ def facts(tally: PlanTally, estimate: Estimate) -> dict[str, Any]:
         ],
         "bounds_mm": [round(value, 4) for value in tally.bounds_mm],
         "commands": estimate.commands,
+        "slowed_s": round(estimate.slowed_s, 4),
     }
 
 

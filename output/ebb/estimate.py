@@ -41,10 +41,11 @@ class LayerTimes(Times):
 
 @dataclass(slots=True)
 class Estimate(Times):
-    """Of a whole program, without the waits for an operator."""
+    """Of a whole program, without the waits for an operator; `slowed_s` of it are for a queue that always holds enough."""
 
     commands: int = 0
     pen_lifts: int = 0
+    slowed_s: float = 0.0
     layers: list[LayerTimes] = field(default_factory=list)
 
 
@@ -70,8 +71,9 @@ class Tally:
             layer.name = replay.layer_names.get(number, "")
         t = self.total
         return Estimate(
-            t.duration_s, t.pen_down_s, t.pen_up_s, t.pen_lift_s, replay.commands, replay.pen_lifts, list(self.layers.values())
-        )
+            t.duration_s, t.pen_down_s, t.pen_up_s, t.pen_lift_s,
+            replay.commands, replay.pen_lifts, sum(mark.lost_s for mark in replay.slowed), list(self.layers.values()),
+        )  # fmt: skip
 
 
 def estimate(program: Iterable[Command | Mark | Line], firmware: Firmware) -> Estimate:

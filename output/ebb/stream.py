@@ -29,9 +29,9 @@ from output.ebb.program import (
     DipMark,
     LayerMark,
     Mark,
-    Note,
     PauseMark,
     Program,
+    Slowed,
     StrokeEnd,
     StrokeMark,
     refused_in_a_stream,
@@ -227,7 +227,7 @@ class Streamer:
 
     def _may_hold(self, mark: Mark) -> bool:
         """Before a stroke, with the pen up: at its approach where the pen is lowered on the way, else at its own mark."""
-        if isinstance(mark, Note):  # in the midst of anything
+        if isinstance(mark, Slowed):  # in the midst of anything
             return False
         approached, self._approached = self._approached, isinstance(mark, ApproachMark)
         return self._approached or isinstance(mark, DipMark) or (isinstance(mark, StrokeMark) and not approached)

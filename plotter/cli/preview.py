@@ -24,6 +24,8 @@ from plotter.units import spoken_duration
 
 # So many places of the same pause are listed.
 _MOST_PAUSES = 8
+# The share of the time from which on it is said that motion was slowed down.
+_WORTH_SAYING = 0.02
 
 
 @click.command(cls=HeadedCommand)
@@ -75,6 +77,10 @@ def _report(values: dict[str, Any], job: Job, output: Path | None) -> str:
         f"  pen lifts  {spoken_duration(values['pen_lift_s']):>12}   {lifts:9d}",
         f"  drawn area   x {left:.1f} to {right:.1f} mm, y {top:.1f} to {bottom:.1f} mm",
     ]
+    if values["slowed_s"] >= _WORTH_SAYING * values["duration_s"]:
+        least = f"{job.settings.lead:g} s"
+        slowed = f"dense motion is slowed down so that the board always has {least} of it (--lead)"
+        lines.append(f"  slowed     {spoken_duration(values['slowed_s']):>12}   {slowed}")
     lines += _pauses_said(values["pauses_at"], values["strokes"])
     if len(values["layers"]) > 1:
         lines += [

@@ -11,7 +11,6 @@ import numpy as np
 
 from output.ebb.command_file import read_command_file
 from output.ebb.firmware import firmware
-from output.ebb.queue_forecast import LEAD_S
 from output.ebb.verify import Report, verify
 from output.ebb.verify_compare import Comparison, compare
 from output.wording import counted
@@ -219,14 +218,22 @@ def _rounded(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _lead(report: Report) -> str:
-    """The least motion that is queued while the pen moves, and whether that is what is wanted of so deep a queue."""
+    """The least motion that is queued while the pen moves."""
     assert report.lowest_lead_s is not None
     said = f"{report.lowest_lead_s * 1000:.0f} ms before command {report.lowest_lead_at + 1}"
     if report.queue_depth == 1:
         return f"{said} (this firmware queues one command)"
     if not report.queue_filled:
         return f"{said} (too little in it to fill the queue)"
-    return said if report.lowest_lead_s >= LEAD_S else f"{said} (1 s is wanted, the motion is too dense there)"
+    return said
+
+
+def _slowed(report: Report) -> str:
+    share = report.slowed_s / max(report.duration_s - report.slowed_s, 1e-9)
+    return (
+        f"{counted(report.slowed_motions, 'motion')} for that, up to {report.slowed_most:.2f} times, "
+        f"{report.slowed_s:.1f} s ({share * 100:.1f} %) in all"
+    )
 
 
 def _highest(report: Report) -> str:
@@ -254,6 +261,8 @@ def _said(file: str, report: Report) -> str:
         lines.append(f"  drawn area     x {left:.1f} to {right:.1f} mm, y {top:.1f} to {bottom:.1f} mm")
     if report.lowest_lead_s is not None:
         lines.append(f"  lowest lead    {_lead(report)}, {counted(report.predicted_underruns, 'predicted underrun')}")
+    if report.slowed_motions:
+        lines.append(f"  slowed down    {_slowed(report)}")
     lines += [f"  warning: {warning}" for warning in report.warnings]
     lines += [f"  problem: {problem}" for problem in report.problems]
     return "\n".join(lines)

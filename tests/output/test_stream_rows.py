@@ -19,7 +19,7 @@ from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.journal import Journal, load
-from output.ebb.program import ApproachMark, Mark, Note, StrokeEnd, StrokeMark
+from output.ebb.program import ApproachMark, Mark, Slowed, StrokeEnd, StrokeMark
 from output.ebb.protocol import Protocol
 from output.ebb.resume import position_lost
 from output.ebb.session import connect
@@ -207,7 +207,7 @@ def test_a_note_on_the_way_down_is_no_place_to_wait() -> None:
     memory, stop = MemoryBoard(), StopFlag()
     board = connect(memory, clock=memory.clock)
     items: list[Command | Mark] = [SC(4, 20000), SC(5, 14000), EM(1, 1), SP(1, 60)]
-    items += [ApproachMark(), *[SM(500, 75, 75)] * 4, SP(0), SM(20, 3, 3), Note("slowed down")]
+    items += [ApproachMark(), *[SM(500, 75, 75)] * 4, SP(0), SM(20, 3, 3), Slowed(0.1, 1.5)]
     items += [StrokeMark(0), SP(0, 100), SM(50, 10, 0), StrokeEnd(0, (313, 303)), SP(1, 60)]
     items += [StrokeMark(1), SP(0, 100), SP(1, 60)]
     paused: list[bool] = []
