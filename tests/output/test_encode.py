@@ -6,10 +6,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from output.ebb.arithmetic import ONE_STEP, trunc_div
 from output.ebb.command_file import command_text
 from output.ebb.commands import EM, LT, SC, SM, SP, SR, T3, TD, XM, Command, MotionCommand
 from output.ebb.encode import BoardSetup, FamilyName, PenCommands, encode, epilogue, prologue
+from output.ebb.encode_pieces import PRIMED
+from output.ebb.encode_quadratic import axis_piece
 from output.ebb.firmware import firmware
 from output.ebb.program import LayerMark, Mark, PauseMark, Slowed, StrokeEnd, StrokeMark
 from output.ebb.verify import verify
@@ -134,3 +139,31 @@ def test_no_motion_of_ours_is_predicted_to_starve_any_board() -> None:
 def test_the_same_plan_gives_the_same_text() -> None:
     texts = {command_text({"a": 1}, encode(drawing(6, 2), setup_for(version))) for version in ("3.0.3", "3.0.3")}
     assert len(texts) == 1
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    ticks=st.integers(1, 500),
+    share=st.floats(0.9, 1.0),
+    change=st.floats(-0.2, 0.2),
+    old=st.booleans(),
+    way=st.sampled_from([-1, 1]),
+)
+def test_no_parabola_steps_faster_than_the_board_can(ticks: int, share: float, change: float, old: bool, way: int) -> None:
+    target = way * share * ONE_STEP * ticks
+    piece = axis_piece(0, PRIMED, ticks, 0.0, target, way * change * ONE_STEP, old=old, final=False)
+    first = piece.rate - trunc_div(piece.accel, 2)
+    assert 0 <= piece.rate < ONE_STEP
+    assert min(first + piece.accel, first + piece.accel * ticks) >= 0
+    assert max(first + piece.accel, first + piece.accel * ticks) < ONE_STEP
+
+
+@pytest.mark.parametrize(("version", "family"), [("2.8.1", "auto"), ("2.8.1", "lm"), ("3.0.3", "lt"), ("3.0.3", "lm")])
+def test_parabolas_at_the_boards_fastest(version: str, family: FamilyName) -> None:
+    """Travel as fast as the machines do it in draft quality, 24.9 kHz on one motor."""
+    diagonal = np.array([1.0, 1.0])
+    slow = straight(np.zeros(2), diagonal, 1500, 3000)
+    motion = straight(np.zeros(2), diagonal * 24900 / (slow.velocity_mm_s.max() * 160), 1500, 3000)
+    setup = dataclasses.replace(setup_for(version), family=family)
+    report = verify(list(encode([Travel(motion)], setup)), firmware(version), COREXY)
+    assert report.sendable and report.max_step_rate_hz <= 25000

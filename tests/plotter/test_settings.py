@@ -165,3 +165,10 @@ def test_pen_times_follow_the_heights(tmp_path: Path) -> None:
     tall = resolve({"pen_up": "90", "pen_down": "30"}, empty).values
     assert short.lift_time < tall.lift_time
     assert short.lower_time < tall.lower_time
+
+
+def test_the_lead_comes_from_the_quality_and_has_bounds() -> None:
+    assert [resolve({"quality": quality}).values.lead for quality in ("draft", "normal", "fine")] == [0.75, 1.0, 1.0]
+    assert resolve({"lead": "500ms"}).values.lead == 0.5
+    with pytest.raises(BadInput, match=r"lead.*0\.15"):
+        resolve({"lead": "0.1s"})
