@@ -44,6 +44,8 @@ _MOVED = 4
 _FIRST_CLOSE = 3
 # How far a piece may be off, as a share of what it may, to take a place from one that is off too far.
 _SPARE = 0.8
+# The fewest such places that a piece is cut to; what is too long even so becomes the plan's own pieces.
+_SHORTEST_HALF = 3
 # So little motion, or so small a share of the wanted lead, is not worth the closer look.
 _FEW, _WORTH = 8, 0.01
 # Fits in which bad pieces are cut in two, and fits after which all is left as planned; in between bad ones become the plan's.
@@ -83,10 +85,10 @@ def _after(before: Ints, lacking: Lacking) -> Lacking:
 def _merged(borders: Borders, most_steps: float, lacking: Lacking, to_mm: Array) -> Borders:
     if len(borders) < 2 or not lacking(borders.ticks).any():
         return borders
-    merged = _graded(borders, most_steps, lacking, to_mm, close=False)
+    merged = _graded(borders, most_steps, lacking, to_mm)
     if len(merged) >= _FEW and _short(merged, lacking) > _WORTH:
-        closer = subdivide(borders, np.maximum(np.rint(borders.ticks / _CLOSE).astype(np.int64), 1))
-        other = _graded(closer, most_steps, lacking, to_mm, close=True)
+        parts = np.maximum(np.rint(borders.ticks / _CLOSE).astype(np.int64), 1)
+        other = _graded(subdivide(borders, parts), most_steps, lacking, to_mm, np.concatenate(([0], np.cumsum(parts))))
         return min(merged, other, key=lambda found: _short(found, lacking))
     return merged
 
@@ -96,10 +98,14 @@ def _short(borders: Borders, lacking: Lacking) -> float:
     return float((lacking(borders.ticks) * borders.ticks).sum() / borders.ticks.sum())
 
 
-def _graded(borders: Borders, most_steps: float, lacking: Lacking, to_mm: Array, *, close: bool) -> Borders:
-    """Merged, with the plan's borders as the places for borders; each piece as little off as will do."""
-    wanting = lacking(borders.ticks) > 0
-    plan = Plan(borders, to_mm, places=1 if close else 3)
+def _graded(borders: Borders, most_steps: float, lacking: Lacking, to_mm: Array, knots: Ints | None = None) -> Borders:
+    """Merged, with these borders as the places for borders; each piece as little off as will do.
+
+    `knots` are those that are the plan's own, when the others are only for a closer look.
+    """
+    wanting, close = lacking(borders.ticks) > 0, knots is not None
+    plan = Plan(borders, to_mm, places=2 if close else 3)
+    knots = np.arange(len(borders) + 1) if knots is None else knots
     allowed = np.array(GRADES) * most_steps * ONE_STEP
     lengths = _lengths(plan, allowed * (_WORSE_CLOSE if close else _WORSE))
     # The closer look is taken where the last grade was not enough.
@@ -110,7 +116,7 @@ def _graded(borders: Borders, most_steps: float, lacking: Lacking, to_mm: Array,
         # Before the fit, which costs more and only makes pieces shorter; and then what it has really come to.
         if _raised(grade, kept, lacking(np.diff(plan.time[kept])) > 0):
             continue
-        fitted, kept = _fitted(plan, kept, allowed[np.maximum(grade, 0)], _MOVED if close else 0)
+        fitted, kept = _fitted(plan, kept, allowed[np.maximum(grade, 0)], knots, _MOVED if close else 0)
         if not _raised(grade, kept, lacking(fitted.ticks) > 0):
             return fitted
 
@@ -165,37 +171,47 @@ def _off(borders: Borders, time: Ints, starts: Ints, m: int) -> Array:
     return off
 
 
-def _fitted(plan: Plan, kept: Ints, allowed: Array, moves: int) -> tuple[Borders, Ints]:
+def _fitted(plan: Plan, kept: Ints, allowed: Array, knots: Ints, moves: int) -> tuple[Borders, Ints]:
     """The best motion over these borders, with shorter pieces where it is not good enough, and the borders it has then.
 
-    `allowed` (n,) is how far each of the plan's pieces may be off. In the first `moves` fits borders are moved, not added.
+    `allowed` (n,) is how far each of the plan's pieces may be off. In the first `moves` fits borders are moved, not added. No
+    piece becomes shorter than those between the plan's own `knots`.
     """
     as_planned = np.arange(len(plan.borders) + 1)
     if len(kept) == len(as_planned):
         return plan.borders, as_planned
     pinned = np.zeros(len(plan.borders) + 1, dtype=np.bool_)
     pinned[[0, -1]] = True
+    # The plan's own piece that each place lies in, and the one that ends there.
+    begun, ended = np.searchsorted(knots, as_planned, side="right") - 1, np.searchsorted(knots, as_planned)
+    shortest = 1 if len(knots) == len(as_planned) else _SHORTEST_HALF
     for fits in range(_MOST_FITS):
         fitted = fit(plan, kept, pinned[kept])
         # What its neighbours may be off, a piece may be too: the fit spreads it.
         limit = np.maximum.reduceat(allowed, kept[:-1])
         limit = np.maximum(limit, np.maximum(np.append(limit[1:], 0.0), np.append(0.0, limit[:-1])))
         starts, ends = kept[:-1], kept[1:]
-        single, held, far = ends - starts == 1, pinned[starts] & pinned[ends], fitted.off > limit
-        bad = (far | fitted.bad) & ~(single & held)
+        held, far = pinned[starts] & pinned[ends], fitted.off > limit
+        bad = (far | fitted.bad) & ~(held & (ended[ends] - begun[starts] == 1))
         if not bad.any():
             return fitted.borders, kept
         if fits < moves:
             kept = _moved(kept, bad, fitted.off / limit, pinned)
         elif fits < moves + _HALVED:
             # Ends that are the plan's own keep a piece from turning back; if they are already, or it is too far off, it is cut.
-            halves = bad & ~single & (held | far)
+            halves = bad & (held | far)
             pinned[starts[bad & ~halves]] = pinned[ends[bad & ~halves]] = True
-            kept = np.union1d(kept, (starts[halves] + ends[halves]) // 2)
-        else:
-            for first, last in zip(starts[bad].tolist(), ends[bad].tolist(), strict=True):
-                pinned[first : last + 1] = True
-            kept = np.union1d(kept, np.flatnonzero(pinned))
+            short = ends - starts < 2 * shortest
+            kept = np.union1d(kept, (starts[halves & ~short] + ends[halves & ~short]) // 2)
+            bad = halves & short
+        if fits >= moves:
+            for first, last in zip(begun[starts[bad]].tolist(), ended[ends[bad]].tolist(), strict=True):
+                # The plan's own pieces instead, whole ones, and no crumbs beside them.
+                near = (kept > knots[first] - shortest) & (kept < knots[last] + shortest)
+                inside = (kept >= knots[first]) & (kept <= knots[last])
+                kept = np.union1d(kept[~inside & (~near | pinned[kept])], knots[first : last + 1])
+                pinned[knots[first] : knots[last] + 1] = False
+                pinned[knots[first : last + 1]] = True
     return plan.borders, as_planned
 
 

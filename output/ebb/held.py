@@ -198,12 +198,12 @@ class PausableProgram:
         at_s, pace = self._plan_time(motion, drawn.states, drawn.ticks)
         paced = motion if pace >= _FULL_PACE else _paced(motion, pace)
         try:
-            stopping, end_s = stop_on_path(paced, min(at_s / pace, paced.total_s), self._limits)
+            stopping, end_s = stop_on_path(paced, _time_in(paced, motion, at_s), self._limits)
         except ValueError:
             if parts[-1].last:
                 raise
             return None  # it would come to rest on a part of the stroke that has not been planned yet
-        end_s *= motion.total_s / paced.total_s
+        end_s = _time_in(motion, paced, end_s)
         if not len(stopping) or end_s >= motion.total_s - TICK_S:
             return None
         items, steps = self._stopped(stopping, drawn.states[-1])
@@ -218,7 +218,7 @@ class PausableProgram:
         if approach.arrived is None or taken < approach.arrived:
             at_s, pace = self._plan_time(motion, approach.states, approach.ticks)
             paced = motion if pace >= _FULL_PACE else _paced(motion, pace)
-            from_s = min(at_s / pace, paced.total_s)
+            from_s = _time_in(paced, motion, at_s)
             lowering = approach.lowers is not None and taken > approach.lowers
             brake = None if lowering else self._braked(paced, from_s)
             if brake is None and not approach.on_the_way:
@@ -301,6 +301,12 @@ def _length_mm(motion: Motion, to_s: float) -> float:
     """How far the pen goes along the motion until this time."""
     points = motion.sample(np.append(np.arange(0.0, to_s, _LOOK_EVERY_S), to_s))[0]
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def _time_in(one: Motion, other: Motion, at_s: float) -> float:
+    """When a motion is where another of the same pieces, each at a steady pace of its own, is at `at_s`."""
+    one_s, other_s = (np.concatenate(([0.0], np.cumsum(motion.duration_s))) for motion in (one, other))
+    return float(np.interp(at_s, other_s, one_s))
 
 
 def _paced(motion: Motion, pace: float) -> Motion:

@@ -115,7 +115,7 @@ def test_the_check_sees_a_servo_that_falls_more_slowly_than_the_model_says() -> 
 def test_overlap_saves_time_and_0_waits_for_every_lift() -> None:
     times = {}
     for overlap in (0.0, 0.4, 0.8, 1.0):
-        actions, items, setup = plotted(overlap=overlap, low_lift=0.0)
+        actions, items, setup = plotted(overlap=overlap, low_lift=0.0, lead=0.15)
         times[overlap] = verify(items, setup.firmware, setup.kinematics).duration_s
         if overlap == 0:
             assert not any(isinstance(a, Travel) and a.lower_at_s is not None for a in actions)

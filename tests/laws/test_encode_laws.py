@@ -128,7 +128,7 @@ def test_at_every_tick_each_motor_is_within_a_step_of_the_plan(
 def test_a_stroke_that_comes_in_parts_is_one_motion(seed: int, merge: float, cuts: list[int]) -> None:
     """Every tick within the same bound, no time lost, the same end; and nothing is rounded to a step where parts meet."""
     motion = wandering(seed, 60, 300, step_mm=1.2)
-    setup = setup_for("3.0.3", sizing=Sizing(merge_steps=merge))
+    setup = setup_for("3.0.3", sizing=Sizing(merge_steps=merge, least_lead_s=0.0))
     borders = sorted(set(cuts))
     counters, wanted = every_tick(motion, setup, borders)
     assert len(counters[0]) == round(motion.total_s / 40e-6)
@@ -173,7 +173,8 @@ def test_where_an_axis_turns_slowly_long_pieces_are_within_a_step(radius_mm: flo
     """Circles: at four places an axis stands still for a moment, and a piece that is held back there moves its end."""
     turn = np.linspace(0, 2 * np.pi * 3, round(3 * 2 * np.pi * radius_mm / (0.004 * ticks)))
     points = radius_mm * np.column_stack((np.sin(turn), 1 - np.cos(turn)))
-    counters, wanted = every_tick(spline_motion(points, ticks), setup_for("3.0.3"))
+    setup = setup_for("3.0.3", sizing=Sizing(least_lead_s=0.0))
+    counters, wanted = every_tick(spline_motion(points, ticks), setup)
     for axis in (0, 1):
         assert np.abs(counters[axis] - wanted[:, axis]).max() <= 1.0
 
@@ -229,6 +230,8 @@ def test_motion_is_never_sped_up(version: str, family: str) -> None:
     actions = drawing(5, 5)
     planned = round(sum(a.motion.total_s for a in actions if hasattr(a, "motion")) / 40e-6)
     _, _, ticks = run(actions, setup_for(version, family))
+    assert planned - 25 * 5 <= ticks
+    _, _, ticks = run(actions, setup_for(version, family, sizing=Sizing(least_lead_s=0.15)))
     assert planned - 25 * 5 <= ticks <= planned * 1.2
 
 
