@@ -71,7 +71,10 @@ def large(folder: Path) -> Iterator[tuple[str, Path]]:
     for count in (1_000, 10_000, 100_000, 300_000):
         begin = rng.uniform((5, 5), (275, 195), (count, 2))
         end = np.clip(begin + rng.normal(0, 2, (count, 2)), 0.5, 199)
-        yield f"{count:,} paths of one line", _written(folder / "paths.svg", (f'<path d="{d}"/>' for d in _moves(begin, end)))
+        yield (
+            f"{count:,} paths of one line",
+            _written(folder / f"{count}.svg", (f'<path d="{d}"/>' for d in _moves(begin, end))),
+        )
         if count == 100_000:
             yield from _kinds(folder, begin, end, rng)
     turn = np.linspace(0, 1, 100_000)

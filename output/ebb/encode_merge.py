@@ -46,7 +46,8 @@ _FIRST_CLOSE = 3
 _SPARE = 0.8
 # The fewest such places that a piece is cut to; what is too long even so becomes the plan's own pieces.
 _SHORTEST_HALF = 3
-# So little motion, or so small a share of the wanted lead, is not worth the closer look.
+# So little motion, or so small a share of the wanted lead, is not worth the closer look; nor is a motion of which no two pieces
+# can be one.
 _FEW, _WORTH = 8, 0.01
 # Fits in which bad pieces are cut in two, and fits after which all is left as planned; in between bad ones become the plan's.
 _HALVED = 5
@@ -86,7 +87,7 @@ def _merged(borders: Borders, most_steps: float, lacking: Lacking, to_mm: Array)
     if len(borders) < 2 or not lacking(borders.ticks).any():
         return borders
     merged = _graded(borders, most_steps, lacking, to_mm)
-    if len(merged) >= _FEW and _short(merged, lacking) > _WORTH:
+    if _FEW <= len(merged) <= len(borders) / 2 and _short(merged, lacking) > _WORTH:
         parts = np.maximum(np.rint(borders.ticks / _CLOSE).astype(np.int64), 1)
         other = _graded(subdivide(borders, parts), most_steps, lacking, to_mm, np.concatenate(([0], np.cumsum(parts))))
         return min(merged, other, key=lambda found: _short(found, lacking))
