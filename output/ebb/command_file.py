@@ -9,7 +9,7 @@
     T3,250,...
     # end 12 steps 800 -40             the stroke is drawn; both motors' steps there
     # pause change to red              wait, pen up, for the operator
-    # note slowed by 8 % ...           what the encoder has to say
+    # slowed 0.125 s, up to 1.5 times  the motion that follows is slower, for the queue
 
 Other comments and empty lines are skipped, so that a file from any program, or without any comment, can be read. The same
 program gives the same bytes: nothing here looks at a clock.
