@@ -189,7 +189,7 @@ def cubics_of(borders: Borders) -> Cubics:
 
     jerk, accel = _paired(borders, exact_jerk, jerk, accel)
 
-    slowest, fastest = extremes(v0, (v1 - v0) / t - exact_jerk * t / 2, exact_jerk, t)
+    slowest, fastest = extreme_rates(borders, exact_jerk)
     if max(fastest.max(initial=0.0), -slowest.min(initial=0.0)) > ONE_STEP * 1.0000001:
         speed = max(fastest.max(), -slowest.min()) / ONE_STEP / TICK_S
         raise BadCommand(f"a motor would have to step at {speed:.0f} Hz, the board steps at most at 25000 Hz; plan slower")
@@ -230,6 +230,12 @@ def _paired(borders: Borders, exact_jerk: Array, jerk: Ints, accel: Ints) -> tup
     span = t[first + 1][:, None]
     accel[first + 1] = np.rint((borders.v[first + 2] - borders.v[first + 1]) / span + whole * span / 2).astype(np.int64)
     return jerk, accel
+
+
+def extreme_rates(borders: Borders, jerk: Array) -> tuple[Array, Array]:
+    """Least and greatest rate (n, 2) of each piece, whose `jerk` (n, 2) is that of `jerks`."""
+    t = borders.ticks[:, None].astype(np.float64)
+    return extremes(borders.v[:-1], (borders.v[1:] - borders.v[:-1]) / t - jerk * t / 2, jerk, t)
 
 
 def extremes(v0: Array, a: Array, j: Array, t: Array) -> tuple[Array, Array]:

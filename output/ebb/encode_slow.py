@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from output.ebb.arithmetic import ONE_STEP
-from output.ebb.encode_pieces import Borders, along, extremes, jerks
+from output.ebb.encode_pieces import Borders, along, extreme_rates, jerks
 
 Array = NDArray[np.float64]
 
@@ -63,9 +63,7 @@ def bent(planned: Borders, slower: Borders) -> Array:
 
 def too_fast(slower: Borders) -> NDArray[np.bool_]:
     """Which pieces (n,) would step faster somewhere than the board can: cubics may, whose ends do not."""
-    t = slower.ticks[:, None].astype(np.float64)
-    j = jerks(slower)
-    slowest, fastest = extremes(slower.v[:-1], np.diff(slower.v, axis=0) / t - j * t / 2, j, t)
+    slowest, fastest = extreme_rates(slower, jerks(slower))
     return np.asarray((np.maximum(-slowest, fastest) > ONE_STEP).any(axis=1))
 
 
