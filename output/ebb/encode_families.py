@@ -194,9 +194,11 @@ class Cubic(Family):
         leads = model.feed(np.zeros(len(borders), dtype=np.int64), takes, lasts, speeds)
         moving = speeds > STILL_MM_S
         counts = moving & (np.arange(len(borders)) >= model.full_from)
-        counts = np.append(counts, (np.arange(depth) < depth // 2) & (not ends) & model.has_been_full)
-        after = np.zeros(depth)
-        after = model.copy().feed(after.astype(np.int64), after + takes[-1], after + least / depth, after)
+        counts = np.append(counts, (np.arange(depth) < depth // 2) & model.has_been_full)
+        after = np.full(depth, np.inf)  # what follows a motion's end is not known, and lacks nothing
+        if not ends:
+            places = np.zeros(depth)
+            after = model.copy().feed(places.astype(np.int64), places + takes[-1], places + least / depth, places)
         total, place = np.concatenate(([0.0], np.cumsum(lasts))), np.arange(len(counts))
         own = total[np.minimum(place, len(lasts))] - total[np.clip(place - depth, 0, len(lasts))]
         lacks = np.where(counts, least - np.append(leads, after), 0.0)
