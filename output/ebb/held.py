@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from output.ebb import arithmetic, arithmetic_old
-from output.ebb.arithmetic import ONE_STEP, State
+from output.ebb.arithmetic import ONE_STEP, STILL, Executed, State
 from output.ebb.commands import SP, Command, MotionCommand
 from output.ebb.encode import BoardSetup, Encoder, epilogue
 from output.ebb.producer import BUFFER_ITEMS
@@ -45,7 +45,7 @@ _AHEAD = BUFFER_ITEMS + 64
 _ON_TIME_STEPS = 1.5
 # A motion that runs at less than this of plan speed is held from the speed that it really has.
 _FULL_PACE = 0.98
-_PACE_OVER_S = 0.05
+_LEAST_PACE = 0.05
 # How finely a slowed motion is followed, and how much further than its command's time it may be found.
 _LOOK_EVERY_S = 0.0002
 _CATCH_UP_S = 0.01
@@ -58,14 +58,15 @@ class _Followed:
     """A motion whose items have been made, or are being made: a draw or a part of one, or a travel to a stroke and the pen's
     lowering there.
 
-    `first` is the number of its first item; `states[i]` and `ticks[i]` are the board's state and the time since the motion
-    began after i of them.
+    `first` is the number of its first item; `states[i]`, `rates[i]` and `ticks[i]` are the board's state, each motor's rate in
+    2^-31 steps per tick, and the time since the motion began after i of them.
     """
 
     first: int
     motion: Motion
     stroke: int
     states: list[State]
+    rates: list[tuple[int, int]] = field(default_factory=lambda: [(0, 0)])
     ticks: list[int] = field(default_factory=lambda: [0])
 
     @property
@@ -158,7 +159,7 @@ class PausableProgram:
 
     def _following(self, motion: _Drawn | _Approached, items: Iterable[Command | Mark]) -> Iterator[Command | Mark]:
         """The items of a motion, with what the board will be at after each."""
-        state = motion.states[0]
+        state, rates = motion.states[0], motion.rates[0]
         with self._lock:
             self._followed.append(motion)
             while len(self._followed) > 2 and self._followed[1].first + _AHEAD < self._made:
@@ -167,9 +168,10 @@ class PausableProgram:
             ticks = 0
             if isinstance(item, MotionCommand):
                 done = self._execute(item, state)
-                state, ticks = done.state, done.ticks
+                state, ticks, rates = done.state, done.ticks, _end_rates(done)
             with self._lock:
                 motion.states.append(state)
+                motion.rates.append(rates)
                 motion.ticks.append(motion.ticks[-1] + ticks)
             yield item
 
@@ -185,7 +187,8 @@ class PausableProgram:
                 return None
             motion, count = now[-1], taken - now[-1].first
             # A copy: the planning thread goes on with the lists.
-            motion = replace(motion, states=motion.states[: count + 1], ticks=motion.ticks[: count + 1])
+            until = count + 1
+            motion = replace(motion, states=motion.states[:until], rates=motion.rates[:until], ticks=motion.ticks[:until])
             parts = [
                 part
                 for part in self._followed
@@ -195,7 +198,7 @@ class PausableProgram:
 
     def _hold_draw(self, drawn: _Drawn, parts: list[_Drawn]) -> Program | None:
         motion = joined_motion([part.motion for part in parts])
-        at_s, pace = self._plan_time(motion, drawn.states, drawn.ticks)
+        at_s, pace = self._plan_time(motion, drawn)
         paced = motion if pace >= _FULL_PACE else _paced(motion, pace)
         try:
             stopping, end_s = stop_on_path(paced, _time_in(paced, motion, at_s), self._limits)
@@ -216,7 +219,7 @@ class PausableProgram:
         """Braking on the way, or, where the pen is on its way down, the rest of the way; and the pen raised in any case."""
         stopping, motion = still(approach.motion.end_mm), approach.motion
         if approach.arrived is None or taken < approach.arrived:
-            at_s, pace = self._plan_time(motion, approach.states, approach.ticks)
+            at_s, pace = self._plan_time(motion, approach)
             paced = motion if pace >= _FULL_PACE else _paced(motion, pace)
             from_s = _time_in(paced, motion, at_s)
             lowering = approach.lowers is not None and taken > approach.lowers
@@ -237,23 +240,26 @@ class PausableProgram:
         items: list[Command | Mark] = [*encoder.motion(stopping), *encoder.action(Lift(self._lift_s))]
         return items, encoder.state.position
 
-    def _plan_time(self, motion: Motion, states: list[State], ticks: list[int]) -> tuple[float, float]:
-        """How far the plan's motion is when the last of `states` is reached, and how fast it runs there, 1 being plan speed."""
+    def _plan_time(self, motion: Motion, followed: _Followed) -> tuple[float, float]:
+        """How far the plan's `motion` is after the last of the items that were followed, and how fast the board runs there, 1
+        being plan speed."""
+        states, ticks = followed.states, followed.ticks
         at_s = min(ticks[-1] * TICK_S, motion.total_s)
         if np.hypot(*(self._steps(motion, np.array([at_s]))[0] - self._exact(states[-1]))) <= _ON_TIME_STEPS:
             return at_s, 1.0
         # Slowed down somewhere: follow the board through the motion, which is behind its own time.
         look_s = np.arange(0.0, at_s + _LOOK_EVERY_S, _LOOK_EVERY_S)
         way = self._steps(motion, look_s)
-        places, place = [0], 0
+        place = 0
         for state, before, now in zip(states[1:], ticks, ticks[1:], strict=False):
             furthest = min(now * TICK_S, look_s[place] + 3 * (now - before) * TICK_S + _CATCH_UP_S)
             near = way[place : int(furthest / _LOOK_EVERY_S) + 2]
             place += int(np.hypot(*(near - self._exact(state)).T).argmin())
-            places.append(place)
-        begin = max(i for i in range(len(ticks) - 1) if i == 0 or ticks[-1] - ticks[i] >= _PACE_OVER_S / TICK_S)
-        pace = (look_s[places[-1]] - look_s[places[begin]]) / ((ticks[-1] - ticks[begin]) * TICK_S)
-        return min(float(look_s[place]), motion.total_s), float(np.clip(pace, 0.05, 1.0))
+        at_s = min(float(look_s[place]), motion.total_s)
+        planned = self._setup.kinematics.steps_per_mm @ motion.sample(np.array([at_s]))[1][0]
+        really = np.array(followed.rates[-1]) / (ONE_STEP * TICK_S)
+        pace = really @ planned / max(planned @ planned, 1e-9)
+        return at_s, float(np.clip(pace, _LEAST_PACE, 1.0))
 
     def _braked(self, travel: Motion, from_s: float) -> Motion | None:
         """The travel brought to rest on its way; None where it ends before that. Along a straight one both motors together may
@@ -295,6 +301,16 @@ def _approaches(actions: Iterable[Action]) -> Iterator[tuple[Action, Lower | Non
             yield action, None
     if travel is not None:
         yield travel, None
+
+
+def _end_rates(done: Executed) -> tuple[int, int]:
+    """Each motor's rate in the last tick in which it moved."""
+    rates = [0, 0]
+    for segment in done.segments:
+        for axis, profile in enumerate(segment.profile):
+            if profile != STILL:
+                rates[axis] = profile.rate(segment.ticks)
+    return rates[0], rates[1]
 
 
 def _length_mm(motion: Motion, to_s: float) -> float:

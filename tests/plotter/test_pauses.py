@@ -160,6 +160,12 @@ def test_pauses_at_random_instants(seed: int, firmware: str, tmp_path: Path, mon
     check_pauses(seed, firmware, tmp_path, monkeypatch)
 
 
+@pytest.mark.parametrize("firmware", ["3.0.3", "3.0.1"])
+def test_a_pause_within_a_command_that_slows_down(firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here a motion is slowed down for the queue, by commands of 100 ms that begin faster than they end."""
+    check_pauses(129, firmware, tmp_path, monkeypatch)
+
+
 def test_a_stroke_that_ends_in_the_pause_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Here the pen comes to rest nearer to the stroke's end than can be told apart, so that nothing is left of it."""
     check_pauses(127, "2.7.0", tmp_path, monkeypatch)
