@@ -32,7 +32,7 @@ from types import TracebackType
 from typing import Any
 
 from output.ebb.program import StrokeEnd
-from output.ebb.stream import Progress
+from output.ebb.progress import Progress
 
 SYNC_EVERY_S = 1.0
 # How many commands are written ahead at a time: a place is looked for among this many and the queue.

@@ -21,9 +21,10 @@ from output.ebb.conversation import REPLY_TIMEOUT_S, Clock, Conversation
 from output.ebb.handshake import greet
 from output.ebb.link import ChecksummedPort, Port, SerialPort
 from output.ebb.program import Program
+from output.ebb.progress import Progress, Recorder
 from output.ebb.protocol import Syntax
 from output.ebb.safe_stop import StopReport, safe_stop
-from output.ebb.stream import Hold, Progress, Recorder, StopRequested, Streamer
+from output.ebb.stream import Hold, StopRequested, Streamer
 from output.errors import BadCommand, BoardRefused, LinkLost
 from output.wording import counted
 

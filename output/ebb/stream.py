@@ -14,8 +14,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from enum import Enum
-from typing import Protocol as Interface
 
 from output.ebb.abilities import Abilities
 from output.ebb.board_time import board_time_s
@@ -23,7 +21,9 @@ from output.ebb.commands import S2, SP, TP, Command, MotionCommand
 from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, complaint, suspended_s
 from output.ebb.flow import QueueModel
-from output.ebb.producer import Item, Producer
+from output.ebb.low_lift import LowLift
+from output.ebb.poll import Poll, Seen
+from output.ebb.producer import Producer
 from output.ebb.program import (
     ApproachMark,
     DipMark,
@@ -36,6 +36,7 @@ from output.ebb.program import (
     StrokeMark,
     refused_in_a_stream,
 )
+from output.ebb.progress import Progress, Recorder, State
 from output.ebb.protocol import Event, Reply
 from output.errors import BadCommand, BoardRefused
 
@@ -54,49 +55,9 @@ _SLEPT_S = 0.5
 # How much longer than predicted the oldest command may be waited for before the board is said to be stuck.
 _STUCK_MARGIN_S = 5.0
 
-FIFO_BIT, EXECUTING_BIT, PEN_UP_BIT, BUTTON_BIT, POWER_LOST_BIT = 0x01, 0x08, 0x10, 0x20, 0x40
-
 
 class StopRequested(Exception):
     """The stop flag was set: leaves the loop by the same way as an error."""
-
-
-class State(Enum):
-    RUNNING = "running"
-    HOLDING = "holding"  # what is sent is being finished before a pause
-    PAUSED = "paused"
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """How far the plot is. `commands_sent` are on their way, `commands_executed` and all below are done by the board's count.
-
-    `stroke` is the one being drawn or travelled to, None between strokes; `board_time_s` what the executed commands took, in
-    board time; `lead_s` how much board time is queued; `stalls` how often the board ran dry, `stalled_s` for how long (host).
-    `pen_up` and `steps` (both motors, executed motion only) are the board's own words when last asked, None before.
-    """
-
-    state: State = State.RUNNING
-    commands_sent: int = 0
-    commands_executed: int = 0
-    strokes_done: int = 0
-    stroke: int | None = None
-    layer: LayerMark | None = None
-    board_time_s: float = 0.0
-    lead_s: float = 0.0
-    stalls: int = 0
-    stalled_s: float = 0.0
-    message: str = ""
-    pen_up: bool | None = None
-    steps: tuple[int, int] | None = None
-
-
-class Recorder(Interface):
-    """What the stream tells a journal. `sent` comes before the command goes out, `executed` after the board counted it."""
-
-    def sent(self, commands: int) -> None: ...
-    def executed(self, progress: Progress) -> None: ...
-    def stroke_done(self, mark: StrokeEnd, progress: Progress) -> None: ...
 
 
 Hold = Callable[[int], Program | None]
@@ -157,8 +118,7 @@ class Streamer:
         self._in_flight: dict[int, _Sent] = {}  # program commands by conversation number, until acknowledged
         self._unexecuted: deque[_Sent] = deque()
         self._marks: deque[tuple[int, Mark]] = deque()  # (number of the queued command before it, mark)
-        self._poll: dict[int, str] = {}  # questions of the poll in flight, by conversation number
-        self._answers: dict[str, str] = {}
+        self._poll = Poll(talk, abilities, None if token is None else token[0])
         self._next_poll_at = 0.0
         self._next_progress_at = 0.0
         self._next_place_at = 0.0
@@ -170,9 +130,7 @@ class Streamer:
         self._slept_s = suspended_s()
         self._approached = False
         self._lowering = False  # on the way: the rest of the travel follows at once
-        self._pen_pin: int | None = None  # RB pin of the last SP; None is its default, 1
-        self._low_lift: S2 | None = None  # the last pen move, when it was a low lift
-        self._raised = False  # from there, for a pause
+        self._low_lift = LowLift()
         self._last_motion = 0  # number of the last queued command that moves the motors
         self._oldest_since_s = 0.0
         self._oldest = 0
@@ -199,8 +157,8 @@ class Streamer:
 
     def _finished(self) -> bool:
         if self.left:
-            return not self._poll
-        done = self._producer.exhausted and not self._in_flight and not self._poll and self.model.is_empty
+            return not self._poll.pending
+        done = self._producer.exhausted and not self._in_flight and not self._poll.pending and self.model.is_empty
         # A board that has restarted is idle as well: only its token tells that what it was sent last has been done.
         return done and self._idle and self.progress.state is State.RUNNING and not self._marks and self._knows_board()
 
@@ -300,7 +258,7 @@ class Streamer:
             self._journal.sent(self.progress.commands_sent + 1)
         number = self._talk.send(wire)
         sent = _Sent(0, self.progress.commands_sent, board_time_s(command))
-        self._note_height(command)
+        self._low_lift.note(command)
         self._lowering = self._lowering or (self._approached and _may_lower(command))
         if command.queued:
             self._enqueued(command, sent)
@@ -321,41 +279,39 @@ class Streamer:
         self._in_flight[self._talk.send(command.wire())] = sent
         self._enqueued(command, sent)
 
-    def _note_height(self, command: Command) -> None:
-        """Whether the pen is on a low lift: by S2, on the pin that SP lowers it on."""
-        if isinstance(command, SP):
-            self._pen_pin = command.pin
-        if isinstance(command, SP | TP):
-            self._low_lift = None
-        elif isinstance(command, S2) and command.pin == 3 + (1 if self._pen_pin is None else self._pen_pin):
-            self._low_lift = command
-
     # asking how far the board is
 
     def _until_next_poll_s(self) -> float:
         """For how long to wait for news: while the poll is unanswered the news is its answer, and the next is not due."""
-        return _POLL_SLOWEST_S if self._poll else self._next_poll_at - self._talk.clock()
+        return _POLL_SLOWEST_S if self._poll.pending else self._next_poll_at - self._talk.clock()
 
     def _ask_if_due(self) -> None:
-        if self._poll or self._talk.clock() < self._next_poll_at:
-            return
-        self.model.on_poll_sent(self._talk.clock())
-        self._answers.clear()
-        questions = ["QU,6"] if self.model.counts else []
-        questions.append(self._abilities.status_query)
-        if self._talk.clock() >= self._next_place_at:
-            self._next_place_at = self._talk.clock() + _PLACE_EVERY_S
-            self._token_asked = self.progress.commands_sent
-            questions += ["QS"] if self._token is None else ["QS", self._token[0]]
-        for question in questions:
-            self._poll[self._talk.send(question)] = question
-
-    def _polled(self) -> None:
         now = self._talk.clock()
-        waiting = int(self._answers["QU,6"].split(",")[-1]) if "QU,6" in self._answers else None
-        fifo, executing = self._status()
-        self._take_place()
-        self.model.on_polled(waiting=waiting, fifo_empty=not fifo, executing=executing, now=now)
+        if self._poll.pending or now < self._next_poll_at:
+            return
+        self.model.on_poll_sent(now)
+        place = now >= self._next_place_at
+        if place:
+            self._next_place_at = now + _PLACE_EVERY_S
+            self._token_asked = self.progress.commands_sent
+        self._poll.ask(place=place)
+
+    def _polled(self, seen: Seen) -> None:
+        now = self._talk.clock()
+        if seen.pen_up is not None:
+            self._set(pen_up=seen.pen_up)
+        if seen.power_lost:
+            raise BoardRefused(
+                "the motors' power was lost during the plot, so that the machine is not where the board counts it: check the "
+                "power supply, home the machine, and resume"
+            )
+        if seen.button:
+            self._button_pressed()
+        if seen.steps is not None:
+            self._set(steps=seen.steps)
+        if seen.token is not None:
+            self._check_token(seen.token)
+        self.model.on_polled(waiting=seen.waiting, fifo_empty=not seen.fifo, executing=seen.executing, now=now)
         self._idle = self.model.is_empty
         self._count_executed()
         self._next_poll_at = now + self._poll_interval_s(now)
@@ -367,34 +323,14 @@ class Streamer:
             return _POLL_IDLE_S
         return min(max(self.model.lead_s(now) / 8, _POLL_FASTEST_S), _POLL_SLOWEST_S)
 
-    def _status(self) -> tuple[bool, bool]:
-        """Whether commands wait and whether one executes; takes note of pen, button and power on the way."""
-        if "QM" in self._answers:
-            words = self._answers["QM"].split(",")
-            return words[-1] == "1" if len(words) > 3 else words[0] == "1", words[0] == "1"
-        bits = int(self._answers["QG"], 16)
-        self._set(pen_up=bool(bits & PEN_UP_BIT))
-        if bits & POWER_LOST_BIT and self._abilities.power_flag:
-            raise BoardRefused(
-                "the motors' power was lost during the plot, so that the machine is not where the board counts it: check the "
-                "power supply, home the machine, and resume"
-            )
-        if bits & BUTTON_BIT:
-            self._button_pressed()
-        return bool(bits & FIFO_BIT), bool(bits & EXECUTING_BIT)
-
-    def _take_place(self) -> None:
-        """Where the motors are, and whether the board is still the one that was told this job's token."""
-        if "QS" in self._answers:
-            one, two = self._answers["QS"].split(",")
-            self._set(steps=(int(one), int(two)))
-        if self._token is not None and self._token[0] in self._answers and int(self._answers[self._token[0]]) != self._token[1]:
+    def _check_token(self, token: int) -> None:
+        """Whether the board is still the one that was told this job's token."""
+        if self._token is not None and token != self._token[1]:
             raise BoardRefused(
                 f"the board restarted during {self._where()}, so that its position is lost: check its power supply, home the "
                 "machine, and resume"
             )
-        if self._token is not None and self._token[0] in self._answers:
-            self._token_seen = self._token_asked
+        self._token_seen = self._token_asked
 
     def _button_pressed(self) -> None:
         now = self._talk.clock()
@@ -450,10 +386,9 @@ class Streamer:
     def _handle(self, event: Event) -> None:
         if not isinstance(event, Reply):
             raise complaint(event, self._where())
-        if (question := self._poll.pop(event.number, None)) is not None:
-            self._answers[question] = event.data
-            if not self._poll:
-                self._polled()
+        if self._poll.owns(event.number):
+            if (seen := self._poll.answered(event.number, event.data)) is not None:
+                self._polled(seen)
             return
         sent = self._in_flight.pop(event.number, None)
         if sent is not None and sent.queued:
@@ -482,10 +417,8 @@ class Streamer:
             self._hold_on_path()
         elif state is State.HOLDING and self.model.is_empty and self._idle and not self._in_flight:
             self.model.expect_idle()
-            if self._low_lift is not None and not self._raised:
-                # Nobody should have to reach under a pen that hangs low; the queue is empty, so that this is at once.
-                self._send_beside(SP(1, None if self._pen_pin is None else 0, self._pen_pin))
-                self._raised = True
+            if (rise := self._low_lift.rise()) is not None:
+                self._send_beside(rise)  # the queue is empty, so that this is at once
                 return
             self._apply_marks()
             self._set(state=State.PAUSED)
@@ -494,10 +427,8 @@ class Streamer:
             self._stop.leave_asked, self.left = False, True
         elif state is State.PAUSED and self._stop.pause_reason is None:
             self._set(state=State.RUNNING, message="")
-            if self._low_lift is not None and self._raised:
-                # The plan goes on from the low height.
-                self._send_beside(self._low_lift)
-                self._raised = False
+            if (back := self._low_lift.back()) is not None:
+                self._send_beside(back)
             self._report(always=True)
 
     def _hold_on_path(self) -> None:
@@ -528,6 +459,3 @@ class Streamer:
         except (OSError, ValueError):
             # Whoever looked at the progress is gone (a closed pipe, a closed terminal): the plot is not their hostage.
             self._on_progress = None
-
-
-__all__ = ["Hold", "Item", "Progress", "Recorder", "State", "StopRequested", "Streamer"]

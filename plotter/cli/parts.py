@@ -24,8 +24,8 @@ from output.ebb.encode import BoardSetup, encode, prologue
 from output.ebb.held import PausableProgram
 from output.ebb.journal import Journal
 from output.ebb.program import Mark, PauseMark
+from output.ebb.progress import Progress, State
 from output.ebb.session import Board
-from output.ebb.stream import Progress, State
 from planning.motion.plan import Action, OperatorPause, Travel
 from planning.motion.travel import travel
 from plotter.board_setup import HOME_MM

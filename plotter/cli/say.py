@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
-from output.ebb.stream import Progress as StreamProgress
-from output.ebb.stream import State
+from output.ebb.progress import Progress as StreamProgress
+from output.ebb.progress import State
 from plotter.units import spoken_duration
 
 if TYPE_CHECKING:

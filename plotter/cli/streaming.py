@@ -9,8 +9,8 @@ import numpy as np
 
 from output.ebb.control import StopFlag, ignore_signals
 from output.ebb.program import Program
+from output.ebb.progress import Progress
 from output.ebb.session import Board, StreamResult
-from output.ebb.stream import Progress
 from output.wording import counted
 from planning.ordering.opening import Pace
 from plotter.cli.keys import keys

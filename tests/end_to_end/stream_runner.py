@@ -16,8 +16,8 @@ from output.ebb.commands import EM, SC, SM, SP, Command
 from output.ebb.control import StopFlag, ignore_signals, signals_stop
 from output.ebb.journal import Journal
 from output.ebb.program import Mark, StrokeEnd, StrokeMark
+from output.ebb.progress import Progress
 from output.ebb.session import connect
-from output.ebb.stream import Progress
 from output.errors import BoardRefused, LinkLost
 
 STROKES, MOVES, MS = 6, 10, 30

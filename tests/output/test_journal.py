@@ -17,9 +17,9 @@ from output.ebb.control import StopFlag
 from output.ebb.firmware import firmware
 from output.ebb.journal import Journal, PlotState, differences, load
 from output.ebb.program import Mark, StrokeEnd, StrokeMark
+from output.ebb.progress import Progress
 from output.ebb.resume import find_place, position_lost
 from output.ebb.session import connect
-from output.ebb.stream import Progress
 from tests.output.fake_ebb import FakeEbb
 from tests.output.inline_producer import inline_producer  # noqa: F401 - a fixture
 

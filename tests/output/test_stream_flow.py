@@ -12,8 +12,9 @@ from output.ebb.control import StopFlag
 from output.ebb.flow import QueueModel
 from output.ebb.producer import Item
 from output.ebb.program import LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
+from output.ebb.progress import Progress, State
 from output.ebb.session import StreamResult, connect
-from output.ebb.stream import LEAD_S, Progress, State
+from output.ebb.stream import LEAD_S
 from output.errors import BadCommand, BoardRefused, LinkLost
 from tests.output.fake_ebb import FakeEbb
 from tests.output.inline_producer import InlineProducer, inline_producer  # noqa: F401 - a fixture

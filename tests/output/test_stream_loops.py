@@ -25,8 +25,9 @@ from output.ebb.commands import EM, SC, SM, SP, Command
 from output.ebb.control import StopFlag
 from output.ebb.journal import Journal, load
 from output.ebb.program import Mark, PauseMark, StrokeEnd, StrokeMark
+from output.ebb.progress import Progress, State
 from output.ebb.session import Board, StreamResult, connect
-from output.ebb.stream import Progress, State, Streamer
+from output.ebb.stream import Streamer
 from output.ebb.virtual.moves import StepperMove
 from output.errors import BoardRefused, LinkLost, OutputError
 from tests.output.board_in_memory import MemoryBoard

@@ -22,9 +22,10 @@ from output.ebb.commands import SM, SP, T3, Command
 from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation
 from output.ebb.program import Mark
+from output.ebb.progress import Progress
 from output.ebb.protocol import Event, Protocol, Reply
 from output.ebb.session import connect
-from output.ebb.stream import Progress, Streamer
+from output.ebb.stream import Streamer
 from output.ebb.virtual.board import Sent
 from output.errors import BadCommand, BoardRefused, LinkLost, OutputError
 from planning.errors import ImpossiblePlan, OutsideMachine

@@ -20,10 +20,11 @@ from output.ebb.conversation import Conversation, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.journal import Journal, load
 from output.ebb.program import ApproachMark, Mark, Slowed, StrokeEnd, StrokeMark
+from output.ebb.progress import Progress, State
 from output.ebb.protocol import Protocol
 from output.ebb.resume import position_lost
 from output.ebb.session import connect
-from output.ebb.stream import Progress, State, StopRequested, Streamer
+from output.ebb.stream import StopRequested, Streamer
 from output.ebb.virtual.process import start_virtual_board
 from output.errors import BoardRefused, LinkLost
 from tests.output.board_in_memory import MemoryBoard
