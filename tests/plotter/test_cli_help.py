@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import click
@@ -78,6 +80,13 @@ def test_every_setting_has_one_place_in_the_help() -> None:
 def test_the_version_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["--version"]) == 0
     assert "plotter" in capsys.readouterr().out
+
+
+def test_it_runs_as_a_module() -> None:
+    said = subprocess.run([sys.executable, "-m", "plotter", "--version"], capture_output=True, text=True, check=True)
+    assert said.stdout.startswith("plotter")
+    wrong = subprocess.run([sys.executable, "-m", "plotter", "preview", "none.svg"], capture_output=True, check=False)
+    assert wrong.returncode == 2
 
 
 def test_an_error_inside_the_program_has_its_own_exit_code(
