@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from output.ebb import arithmetic, arithmetic_old, encode_quadratic
-from output.ebb.arithmetic import ONE_STEP, TICK_S, TICKS_PER_MS, State
-from output.ebb.commands import SM, T3, TD, XM, Command
+from output.ebb.arithmetic import ONE_STEP, STILL, TICK_S, TICKS_PER_MS, Executed, State
+from output.ebb.commands import SM, T3, TD, XM, Command, MotionCommand
 from output.ebb.encode_merge import merge
 from output.ebb.encode_pieces import Borders, Parameters, Phase, quantised, split, stretched
 from output.ebb.encode_slow import bent, rises, slowed, slowness, too_fast
@@ -32,6 +32,9 @@ _ROUNDS, _ENOUGH = 24, 1.002
 _SPARE = 1.02
 # By this factor a piece is slowed down that would step faster than the board can, as its ends are and it is not.
 _OVERSHOT = 1.005
+# Old firmware computes SM's rates so coarsely that one or two steps may take 2 % longer than the move: where a motor would wait
+# for them for longer than it takes for this many of its own, they are left to the next move.
+_FEW_STEPS, _WAITED_STEPS = 2, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,9 +281,13 @@ class Stepwise(Family):
 
     def done(self, command: Command) -> Command:
         """Note what the board will have after the command."""
-        execute = arithmetic_old.execute if self.firmware.old_arithmetic else arithmetic.execute
-        self.state = execute(command, self.state).state
+        self.state = self.executed(command).state
         return command
+
+    def executed(self, command: Command) -> Executed:
+        """What the board will do by the command when it comes next."""
+        execute = arithmetic_old.execute if self.firmware.old_arithmetic else arithmetic.execute
+        return execute(command, self.state)
 
 
 class Quadratic(Stepwise):
@@ -347,13 +354,26 @@ class Linear(Stepwise):
         times_ms = (samples.ticks[cuts] // TICKS_PER_MS).tolist()
         targets = np.rint(samples.x[cuts] / ONE_STEP).astype(np.int64).tolist()
         for i, (one, two) in enumerate(targets[1:]):
-            duration_ms = times_ms[i + 1] - times_ms[i]
+            duration_ms, final = times_ms[i + 1] - times_ms[i], last and i == len(targets) - 2
             n1, n2 = one - self.state.position[0], two - self.state.position[1]
-            final = last and i == len(targets) - 2
-            if self.mixed and not ((n1 + n2) % 2 and final):
-                yield self.done(XM(duration_ms, (n1 + n2) // 2, (n1 - n2) // 2))
-            else:
-                yield self.done(SM(duration_ms, n1, n2))
+            command = self._move(duration_ms, n1, n2, final)
+            fewest = min(abs(n1), abs(n2))
+            if not final and 0 < fewest <= _FEW_STEPS and self._waited_steps(command) > _WAITED_STEPS:
+                # The next move has them.
+                command = self._move(duration_ms, 0 if abs(n1) == fewest else n1, 0 if abs(n2) == fewest else n2, final)
+            yield self.done(command)
+
+    def _move(self, duration_ms: int, n1: int, n2: int, final: bool) -> MotionCommand:
+        if self.mixed and not ((n1 + n2) % 2 and final):
+            return XM(duration_ms, (n1 + n2) // 2, (n1 - n2) // 2)
+        return SM(duration_ms, n1, n2)
+
+    def _waited_steps(self, command: MotionCommand) -> float:
+        """How many steps the faster motor could have taken while it waits for the other's last, whose rate is cut off."""
+        moves = self.executed(command).segments
+        rates = [abs(profile.r0) for profile in moves[0].profile]
+        waits = moves[-1].profile[int(np.argmax(rates))] == STILL
+        return max(rates) * moves[-1].ticks / ONE_STEP if waits else 0.0
 
 
 def choose(name: str, firmware: Firmware, kinematics: Kinematics, sizing: Sizing) -> Family:

@@ -141,6 +141,20 @@ def test_the_same_plan_gives_the_same_text() -> None:
     assert len(texts) == 1
 
 
+@pytest.mark.parametrize("family", ["sm", "xm"])
+def test_no_fast_motor_waits_for_a_single_step_of_the_other(family: FamilyName) -> None:
+    """Along a diagonal one motor hardly turns, and firmware 2.6 takes 2 % more than the time for a step in 28 ms."""
+    rng = np.random.default_rng(5)
+    along = np.cumsum(np.concatenate((np.linspace(0, 2.0, 20), np.full(200, 2.0), np.linspace(2.0, 0, 20))))
+    across = np.cumsum(rng.normal(0, 0.02, len(along)))
+    motion = spline_motion(np.vstack((np.zeros((1, 2)), np.column_stack((along + across, along - across)) / 2**0.5)), 500)
+    version = firmware("2.6.6")
+    program = commands(list(encode([Travel(motion)], setup_for("2.6.6", family))))
+    report = verify(program, version, COREXY)
+    assert report.max_velocity_jump_mm_s < 30
+    assert report.final_steps == tuple(np.rint(COREXY.steps(motion.end_mm)))
+
+
 @settings(max_examples=200, deadline=None)
 @given(
     ticks=st.integers(1, 500),
