@@ -206,13 +206,12 @@ class _Check:
     def _jumps(self, rows: Rows, start: Array, end: Array) -> Array:
         """Velocity jumps at the rows' starts; returns the speed that goes on over each border."""
         # A motor that has taken its last step of an LM or SM waits for the other's: a few steps' time is no stop.
-        waits = np.concatenate(([False], (np.diff(rows.command) == 0) & (rows.dead[:-1] == 0)))
-        lost = np.abs(start[1:] - end[:-1]) @ np.abs(self.to_steps)
-        waits[1:] &= (lost.max(axis=1) * rows.ticks[1:] * TICK_S) < _WAITING_STEPS
-        start, end = (
-            np.where(waits[:, None], np.roll(end, 1, axis=0), start),
-            np.where(waits[:, None], np.roll(end, 1, axis=0), end),
-        )
+        start, end = start @ self.to_steps, end @ self.to_steps
+        goes_on = (np.diff(rows.command) == 0) & (rows.dead[:-1] == 0)
+        lost = np.abs(end[:-1]) * (rows.ticks[1:] * TICK_S)[:, None]
+        stands = (rows.r0[1:] == 0) & (rows.accel[1:] == 0) & (rows.jerk[1:] == 0)
+        waits = np.vstack((np.zeros((1, 2), dtype=np.bool_), goes_on[:, None] & stands & (lost < _WAITING_STEPS)))
+        start, end = (np.where(waits, np.roll(end, 1, axis=0), rate) @ self.to_mm for rate in (start, end))
         before = np.vstack((self.last_velocity[None, :], end[:-1]))
         jumps = np.hypot(*(start - before).T)
         at = int(np.argmax(jumps))

@@ -120,6 +120,13 @@ def test_staircases_of_speed_are_sendable_with_a_warning(step_mm_s: int) -> None
     assert not check("EM,1,1|SM,25,16,0|SP,1,50").warnings
 
 
+@pytest.mark.parametrize("version", ["3.0.3", "2.8.1"])
+def test_a_motor_that_waits_for_the_other_does_not_hide_what_that_one_does(version: str) -> None:
+    """Motor 1 speeds up and slows down to rest; motor 2 takes its one step early in the second half."""
+    report = check("EM,1,1|LM,1,400,200000,0,0,0|LM,586000000,399,-200000,1530000,1,0|SP,1,50", version)
+    assert report.max_speed_mm_s > 80 and report.max_velocity_jump_mm_s < 6
+
+
 def test_files_with_checksums_are_read() -> None:
     plain = ["EM,1,1", "SP,0,100", "SM,100,400,400", "SP,1,100"]
     summed = check("|".join(["CU,54,1", *map(with_checksum, plain), with_checksum("CU,54,0"), "SM,100,0,0"]))
