@@ -19,16 +19,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from output.ebb import encode_families
-from output.ebb.arithmetic import ONE_STEP, State
+from output.ebb.arithmetic import ONE_STEP, TICK_S, State
 from output.ebb.commands import EM, LT, S2, SC, SM, SP, SR, Command
 from output.ebb.encode_families import Family, Sizing
-from output.ebb.encode_pieces import PRIMED, borders_of
+from output.ebb.encode_pieces import PRIMED, begun_at, borders_of
 from output.ebb.firmware import Firmware
 from output.ebb.program import ApproachMark, DipMark, LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
 from output.errors import BadCommand
 from planning.motion.limits import Kinematics
 from planning.motion.plan import Action, Dip, Draw, Dwell, LayerStart, Lift, Lower, Motion, OperatorPause, Travel
 
+# A motion that begins a little faster or slower than planned is as planned after so long.
+_BEGUN_S = 0.02
 # Servo outputs that share a period of 24 ms after a reset.
 ALL_CHANNELS = 8
 
@@ -144,13 +146,15 @@ def _pen(value: int, wait_s: float, setup: BoardSetup) -> SP:
 
 class Encoder:
     """Carries what the board will have executed from one action to the next. It begins at the first motion's start, or in the
-    given `state`; `reached` is then set to where a motion that is already moving goes on from."""
+    given `state`; `reached` is then set to where a motion that is already moving goes on from, and `rates` to how fast."""
 
     def __init__(self, setup: BoardSetup, state: State | None = None) -> None:
         self.setup = setup
         self.family: Family = encode_families.choose(setup.family, setup.firmware, setup.kinematics, setup.sizing)
         # Where (2^-31 steps) the part of a stroke ended that the next motion goes on from; None at rest.
         self.reached: NDArray[np.float64] | None = None
+        # How fast (2^-31 steps per tick) the board really is there, where that is not quite as fast as the motion begins.
+        self.rates: NDArray[np.float64] | None = None
         self.late_s = 0.0
         self.started = state is not None
         if state is not None:
@@ -194,7 +198,9 @@ class Encoder:
         if not len(motion):
             return
         borders = borders_of(motion, self.setup.kinematics, self.setup.origin_mm, self.reached, last)
-        self.reached = None if last else borders.x[-1]
+        if self.rates is not None and self.family.changes_speed:
+            borders = begun_at(borders, self.rates, round(_BEGUN_S / TICK_S))
+        self.reached, self.rates = None if last else borders.x[-1], None
         away = np.abs(borders.x[0] / ONE_STEP - np.array(self.family.state.position)).max()
         if away > 2.0:
             raise BadCommand(

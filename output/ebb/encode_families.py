@@ -58,9 +58,11 @@ class Family(ABC):
     """Base: the state that the board will have, and a model of its queue.
 
     `lowers_in_motion`: other commands may stand in the queue between two of a motion's, which may then be encoded in parts.
+    `changes_speed`: a command may begin at one speed and end at another.
     """
 
     lowers_in_motion = False
+    changes_speed = True
 
     def __init__(self, firmware: Firmware, kinematics: Kinematics, sizing: Sizing) -> None:
         self.firmware = firmware
@@ -336,6 +338,8 @@ class Quadratic(Stepwise):
 
 class Linear(Stepwise):
     """SM, or XM where `mixed`: motor 1 takes a + b, motor 2 a - b."""
+
+    changes_speed = False
 
     def __init__(self, firmware: Firmware, kinematics: Kinematics, sizing: Sizing, mixed: bool) -> None:
         super().__init__(firmware, kinematics, sizing)

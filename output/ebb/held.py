@@ -33,6 +33,7 @@ from output.ebb.encode import BoardSetup, Encoder, epilogue
 from output.ebb.producer import BUFFER_ITEMS
 from output.ebb.program import Mark, Program, StrokeMark
 from output.ebb.resume import Place
+from output.errors import BadCommand
 from planning.motion.hold import run_out, stop_on_line, stop_on_path
 from planning.motion.limits import Limits
 from planning.motion.plan import TICK_S, Action, Draw, Lift, Lower, Motion, Travel, joined_motion, still
@@ -49,6 +50,10 @@ _LEAST_PACE = 0.05
 # How finely a slowed motion is followed, and how much further than its command's time it may be found.
 _LOOK_EVERY_S = 0.0002
 _CATCH_UP_S = 0.01
+# By this factor at most the board is ahead of the motion's time, where commands end with their last step.
+_AHEAD_OF_TIME = 1.1
+# Slower than this (steps per second) a motion has no pace that could be told.
+_CREEPING_STEPS_S = 100.0
 # A travel with less than this part of its speed across its way is straight.
 _STRAIGHT = 1e-6
 
@@ -132,7 +137,8 @@ class PausableProgram:
                 stroke, before_mm = lower.stroke, 0.0
                 yield from self._approaching(action, lower, encoder)
             elif isinstance(action, Draw) and action.stroke == stroke:
-                drawn = _Drawn(self._made, action.motion, stroke, [encoder.state], last=action.last, before_mm=before_mm)
+                rates = self._followed[-1].rates[-1:] if before_mm else [(0, 0)]
+                drawn = _Drawn(self._made, action.motion, stroke, [encoder.state], rates, last=action.last, before_mm=before_mm)
                 for item in self._following(drawn, encoder.action(action)):
                     self._made += 1
                     yield item
@@ -178,8 +184,8 @@ class PausableProgram:
     def hold(self, taken: int) -> Program | None:
         """What to send in place of everything from item number `taken` on: braking on the path, and pen up.
 
-        None while no line is being drawn there and no stroke travelled to, or the end of either is too near to stop before it.
-        Raises what encoding raises.
+        None while no line is being drawn there and no stroke travelled to, or the end of either is too near to stop before it;
+        and where no motion that goes on from there can be encoded, which is no reason to end a plot that can pause at the end.
         """
         with self._lock:
             now = [motion for motion in self._followed if motion.first < taken <= motion.end]
@@ -194,7 +200,10 @@ class PausableProgram:
                 for part in self._followed
                 if isinstance(part, _Drawn) and part.stroke == motion.stroke and part.first >= motion.first
             ]
-        return self._hold_draw(motion, parts) if isinstance(motion, _Drawn) else self._hold_travel(motion, taken)
+        try:
+            return self._hold_draw(motion, parts) if isinstance(motion, _Drawn) else self._hold_travel(motion, taken)
+        except BadCommand:
+            return None
 
     def _hold_draw(self, drawn: _Drawn, parts: list[_Drawn]) -> Program | None:
         motion = joined_motion([part.motion for part in parts])
@@ -209,7 +218,7 @@ class PausableProgram:
         end_s = _time_in(motion, paced, end_s)
         if not len(stopping) or end_s >= motion.total_s - TICK_S:
             return None
-        items, steps = self._stopped(stopping, drawn.states[-1])
+        items, steps = self._stopped(stopping, drawn)
         drawn_mm = drawn.before_mm + _length_mm(motion, end_s)
         scale = float(np.sqrt(abs(np.linalg.det(self._setup.kinematics.steps_per_mm))))
         self.place = Place(0, drawn.stroke, False, steps, drawn_mm * scale, drawn.stroke)
@@ -229,14 +238,16 @@ class PausableProgram:
             stopping = run_out(paced, from_s)[0] if brake is None else brake
         elif not approach.on_the_way and taken == approach.arrived:
             return None
-        items, steps = self._stopped(stopping, approach.states[-1])
+        items, steps = self._stopped(stopping, approach)
         self.place = Place(0, None, False, steps, 0.0, approach.stroke)
         return items
 
-    def _stopped(self, stopping: Motion, state: State) -> tuple[list[Command | Mark], tuple[int, int]]:
-        """The items of a motion that goes on from `state`, and of the lift; and where the motors are then."""
-        encoder = Encoder(self._setup, state)
-        encoder.reached = self._steps(stopping, np.zeros(1))[0] * ONE_STEP if len(stopping) else None
+    def _stopped(self, stopping: Motion, followed: _Followed) -> tuple[list[Command | Mark], tuple[int, int]]:
+        """The items of a motion that goes on from the last of what was followed, and of the lift; and where the motors are."""
+        encoder = Encoder(self._setup, followed.states[-1])
+        if len(stopping):
+            encoder.reached = self._steps(stopping, np.zeros(1))[0] * ONE_STEP
+            encoder.rates = np.array(followed.rates[-1], dtype=np.float64)
         items: list[Command | Mark] = [*encoder.motion(stopping), *encoder.action(Lift(self._lift_s))]
         return items, encoder.state.position
 
@@ -247,19 +258,21 @@ class PausableProgram:
         at_s = min(ticks[-1] * TICK_S, motion.total_s)
         if np.hypot(*(self._steps(motion, np.array([at_s]))[0] - self._exact(states[-1]))) <= _ON_TIME_STEPS:
             return at_s, 1.0
-        # Slowed down somewhere: follow the board through the motion, which is behind its own time.
-        look_s = np.arange(0.0, at_s + _LOOK_EVERY_S, _LOOK_EVERY_S)
+        # Slowed down somewhere, and the board is behind the motion's own time; or ahead of it, where commands end with their
+        # last step: follow the board through the motion.
+        look_s = np.arange(0.0, min(_AHEAD_OF_TIME * at_s + _CATCH_UP_S, motion.total_s) + _LOOK_EVERY_S, _LOOK_EVERY_S)
         way = self._steps(motion, look_s)
         place = 0
         for state, before, now in zip(states[1:], ticks, ticks[1:], strict=False):
-            furthest = min(now * TICK_S, look_s[place] + 3 * (now - before) * TICK_S + _CATCH_UP_S)
+            furthest = look_s[place] + 3 * (now - before) * TICK_S + _CATCH_UP_S
             near = way[place : int(furthest / _LOOK_EVERY_S) + 2]
             place += int(np.hypot(*(near - self._exact(state)).T).argmin())
         at_s = min(float(look_s[place]), motion.total_s)
         planned = self._setup.kinematics.steps_per_mm @ motion.sample(np.array([at_s]))[1][0]
         really = np.array(followed.rates[-1]) / (ONE_STEP * TICK_S)
-        pace = really @ planned / max(planned @ planned, 1e-9)
-        return at_s, float(np.clip(pace, _LEAST_PACE, 1.0))
+        if np.hypot(*planned) < _CREEPING_STEPS_S:
+            return at_s, 1.0
+        return at_s, float(np.clip(really @ planned / (planned @ planned), _LEAST_PACE, 1.0))
 
     def _braked(self, travel: Motion, from_s: float) -> Motion | None:
         """The travel brought to rest on its way; None where it ends before that. Along a straight one both motors together may

@@ -10,12 +10,14 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from itertools import takewhile
+from typing import Generic, TypeVar, cast
 
 from output.ebb.board_time import board_time_s
 from output.ebb.commands import Command
 from output.ebb.program import Mark
 
 Item = Command | Mark
+Result = TypeVar("Result")
 # About a minute of ordinary drawing; bounds memory, while a slow stretch of planning finds this much in reserve.
 BUFFER_ITEMS = 4096
 _JOIN_S = 0.5
@@ -25,6 +27,43 @@ _THREAD_NAME = "plan-ahead"
 def still_planning() -> bool:
     """Whether a planner that nobody waits for any more is still busy."""
     return any(thread.name == _THREAD_NAME for thread in threading.enumerate())
+
+
+def items_of(items: Iterable[Item], seconds: float) -> int:
+    """How many of the items come to so much board time; all, when they come to less."""
+    count = 0
+    for item in items:
+        if seconds <= 0:
+            break
+        seconds -= board_time_s(item) if isinstance(item, Command) else 0.0
+        count += 1
+    return count
+
+
+class Errand(Generic[Result]):
+    """Does `work` in a thread of its own; `on_done` is called from there."""
+
+    def __init__(self, work: Callable[[], Result], on_done: Callable[[], None]) -> None:
+        self._work = work
+        self._on_done = on_done
+        self._result: Result | None = None
+        self._error: BaseException | None = None
+        self.done = False
+        threading.Thread(target=self._run, daemon=True, name=_THREAD_NAME).start()
+
+    def result(self) -> Result:
+        """What `work` returned, once `done`. Raises what it raised."""
+        if self._error is not None:
+            raise self._error
+        return cast(Result, self._result)
+
+    def _run(self) -> None:
+        try:
+            self._result = self._work()
+        except BaseException as caught:  # handed over to the loop
+            self._error = caught
+        self.done = True
+        self._on_done()
 
 
 class Producer:
@@ -69,6 +108,11 @@ class Producer:
                     return True
             return False
 
+    def ahead(self, seconds: float) -> int:
+        """How many items to take until so much board time has been taken; those that wait, when they are less."""
+        with self._changed:
+            return items_of(self._items, seconds)
+
     def until(self, kind: type[Mark]) -> list[Item] | None:
         """The items before the next mark of this kind, or before the end; None while that has not been made."""
         with self._changed:
@@ -83,10 +127,13 @@ class Producer:
             return self._ended and not self._items and self._error is None
 
     def close(self) -> None:
-        """Ends the thread at its next item. A planner that is busy is not waited for: the thread ends with the process."""
+        """Has the thread end at its next item. Waits for nothing: a pen may be down."""
         with self._changed:
             self._closed = True
             self._changed.notify()
+
+    def wait(self) -> None:
+        """After `close`: a planner that is busy is not waited for much longer, and ends with the process."""
         if self._thread is not threading.current_thread():
             self._thread.join(_JOIN_S)
 

@@ -299,6 +299,8 @@ class Board:
                 raise
             finally:
                 self._job_token = None
+                if streamer is not None:
+                    streamer.wait_for_planner()
 
     def _told_better(self, error: LinkLost, report: StopReport, progress: Progress) -> BoardRefused | LinkLost:
         """What a lost reply or link really was, once the safe stop has looked."""

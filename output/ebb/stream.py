@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 from output.ebb.abilities import Abilities
 from output.ebb.board_time import board_time_s
@@ -23,7 +24,7 @@ from output.ebb.conversation import Conversation, complaint, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.low_lift import LowLift
 from output.ebb.poll import Poll, Seen
-from output.ebb.producer import Producer
+from output.ebb.producer import Errand, Producer
 from output.ebb.program import (
     ApproachMark,
     DipMark,
@@ -47,6 +48,8 @@ _CAREFUL_LEAD_S = 0.1
 _PIPELINE = 4
 _POLL_FASTEST_S, _POLL_SLOWEST_S, _POLL_IDLE_S = 0.002, 0.05, 0.1
 _PROGRESS_EVERY_S = 0.1
+# So much board time is left when a hold is asked for, on the board or still to be sent.
+_HOLD_TAKES_S = 0.4
 # How often the position and the job token are asked for.
 _PLACE_EVERY_S = 0.5
 _BUTTON_PRESSES, _BUTTON_STUCK_S = 3, 1.0
@@ -126,7 +129,9 @@ class Streamer:
         self._button_at: deque[float] = deque(maxlen=_BUTTON_PRESSES)
         self._idle = True
         self.held = self.left = False
-        self._hold_tried_at = -1
+        self._hold_at = -1  # the item from which on the last hold was asked for
+        self._holding: Errand[Program | None] | None = None
+        self._errand: Errand[Program | None] | None = None  # the same, also when it is not wanted any more
         self._slept_s = suspended_s()
         self._approached = False
         self._lowering = False  # on the way: the rest of the travel follows at once
@@ -162,12 +167,18 @@ class Streamer:
         # A board that has restarted is idle as well: only its token tells that what it was sent last has been done.
         return done and self._idle and self.progress.state is State.RUNNING and not self._marks and self._knows_board()
 
+    def wait_for_planner(self) -> None:
+        """After `run`, and after what stops the board."""
+        self._producer.wait()
+
     # sending
 
     def _feed(self) -> None:
         while self.progress.state is State.RUNNING and (item := self._producer.peek()) is not None:
             if self._stop.requested:
                 return
+            if self._holding is not None and self._taken == self._hold_at:
+                break
             if isinstance(item, Command):
                 if not self._may_send(item):
                     return
@@ -415,7 +426,9 @@ class Streamer:
         state = self.progress.state
         if state is State.RUNNING and self._stop.pause_reason is not None:
             self._hold_on_path()
-        elif state is State.HOLDING and self.model.is_empty and self._idle and not self._in_flight:
+            return
+        self._holding = None
+        if state is State.HOLDING and self.model.is_empty and self._idle and not self._in_flight:
             self.model.expect_idle()
             if (rise := self._low_lift.rise()) is not None:
                 self._send_beside(rise)  # the queue is empty, so that this is at once
@@ -432,10 +445,21 @@ class Streamer:
             self._report(always=True)
 
     def _hold_on_path(self) -> None:
-        if self._hold is None or self.held or self._hold_tried_at == self._taken:
+        """Asks for a hold, which takes a tenth of a second to reckon, and turns to it when it is there. Where the queue is
+        short it begins a little later, and what comes before it goes on being sent meanwhile."""
+        if self._hold is None or self.held:
             return
-        self._hold_tried_at = self._taken
-        rest = self._hold(self._taken)
+        if self._holding is None:
+            if self._errand is not None and not self._errand.done:
+                return
+            at = self._taken + self._producer.ahead(_HOLD_TAKES_S - self.model.lead_s(self._talk.clock()) * self._speed)
+            if at == self._hold_at:
+                return
+            self._hold_at = at
+            self._holding = self._errand = Errand(partial(self._hold, at), self._talk.port.wake)
+        if not self._holding.done or self._taken < self._hold_at:
+            return
+        rest, self._holding = self._holding.result(), None
         if rest is None:
             return
         self.held = True

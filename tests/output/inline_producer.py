@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 import pytest
 
-from output.ebb.producer import Item
+from output.ebb.producer import Item, items_of
 from output.ebb.program import Mark
 
 
@@ -54,10 +55,34 @@ class InlineProducer:
             found.append(item)
         return found
 
+    def ahead(self, seconds: float) -> int:
+        if self._next is None:
+            return 0
+        while items_of([self._next, *self._ahead], seconds) > len(self._ahead):
+            if (item := next(self._items, None)) is None:
+                break
+            self._ahead.append(item)
+        return items_of([self._next, *self._ahead], seconds)
+
     def close(self) -> None:
         return
+
+    wait = close
+
+
+class InlineErrand:
+    """Does its work at once."""
+
+    done = True
+
+    def __init__(self, work: Callable[[], Any], on_done: Callable[[], None]) -> None:  # noqa: ARG002
+        self._result = work()
+
+    def result(self) -> Any:
+        return self._result
 
 
 @pytest.fixture
 def inline_producer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("output.ebb.stream.Producer", InlineProducer)
+    monkeypatch.setattr("output.ebb.stream.Errand", InlineErrand)

@@ -8,9 +8,13 @@ from collections.abc import Iterator
 
 import pytest
 
-from output.ebb.commands import SM
+from output.ebb.commands import SC, SM, SP
+from output.ebb.control import StopFlag
 from output.ebb.producer import Item, Producer
 from output.ebb.program import StrokeMark
+from output.ebb.progress import Progress
+from output.ebb.session import connect
+from tests.output.fake_ebb import FakeEbb
 
 
 def wait_for(condition: object, timeout_s: float = 3.0) -> None:
@@ -55,6 +59,7 @@ def test_it_runs_ahead_only_so_far() -> None:
         producer.take()
     wait_for(lambda: len(made) > 60)
     producer.close()
+    producer.wait()
     assert "plan-ahead" not in [thread.name for thread in threading.enumerate()]
 
 
@@ -143,3 +148,51 @@ def test_how_much_is_ready_is_counted_in_board_time() -> None:
     full = Producer((SM(1, 1, 1) for _ in iter(int, 1)), lambda: None, capacity=20)
     wait_for(lambda: full.has_s(1000.0))
     full.close()
+
+
+def test_a_stop_does_not_wait_for_a_planner_that_is_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pen is down while it plans."""
+    monkeypatch.setattr("output.ebb.producer._JOIN_S", 60.0)
+    fake, stop, stopped, in_time = FakeEbb(), StopFlag(), threading.Event(), []
+    board, send = connect(fake, clock=fake.clock), fake.send
+
+    def watched(data: bytes) -> None:
+        send(data)
+        if b"ES" in data:
+            stopped.set()
+
+    def program() -> Iterator[Item]:
+        yield from (SC(4, 20000), SC(5, 15000), SP(1, 100), SP(0, 100), SM(30, 10, 10))
+        stop.stop("now")
+        in_time.append(stopped.wait(10.0))
+
+    monkeypatch.setattr(fake, "send", watched)
+    assert board.stream(program(), on_progress=lambda _: None, stop=stop).outcome == "stopped"
+    assert in_time == [True]
+
+
+@pytest.mark.parametrize("version", [(2, 8, 1), (3, 0, 3)])
+def test_the_board_is_fed_while_a_hold_is_reckoned(version: tuple[int, int, int]) -> None:
+    """With one place in its queue the motors would stand still at speed; with many it has enough meanwhile."""
+    fake, stop, drawn, in_time = FakeEbb(version=version), StopFlag(), threading.Event(), []
+    executed, asked_at = [0], []
+
+    def hold(taken: int) -> list[Item]:
+        asked_at.append((taken, executed[0]))
+        in_time.append(drawn.wait(10.0))
+        return [SM(31, 1, 1), SP(1, 100)]
+
+    def watch(progress: Progress) -> None:
+        executed[0] = progress.commands_executed
+        if executed[0] >= 30 and not asked_at:
+            stop.pause("p")
+        if asked_at and executed[0] >= asked_at[0][1] + 8:
+            drawn.set()
+
+    program = [SC(4, 20000), SC(5, 15000), SP(1, 100), SP(0, 100), *[SM(30, 10, 10)] * 400, SP(1, 100)]
+    result = connect(fake, clock=fake.clock).stream(program, on_progress=watch, stop=stop, hold=hold)
+    assert result.outcome == "held"
+    assert in_time == [True]
+    moves = [entry.wire for entry in fake.executed if entry.wire.startswith("SM")]
+    assert moves == [*["SM,30,10,10"] * (asked_at[0][0] - 4), "SM,31,1,1"]
+    assert fake.pen_up
