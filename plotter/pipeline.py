@@ -48,6 +48,8 @@ class Ordering:
             at += 1
 
     def _has(self, at: int) -> bool:
+        if at < len(self.found):  # what is there already waits for nobody
+            return True
         with self._lock:
             if at == len(self.found) and not self.complete:
                 piece = next(self._pieces, None)

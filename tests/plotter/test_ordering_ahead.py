@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
@@ -66,6 +67,26 @@ def test_the_same_part_is_the_same_program(tmp_path: Path) -> None:
         one, other = (list(islice(part_program(j, setup, part), 3000)) for j in (job, fresh))
         assert one == other
         assert next(action.stroke for action in part_actions(fresh, part) if isinstance(action, Draw)) == stroke
+
+
+def test_what_is_found_is_there_while_the_next_piece_is_looked_for() -> None:
+    """A pause in the opening looks for what is left of it, while the planner's thread waits for the rest."""
+    looking, paused = threading.Event(), threading.Event()
+    in_time: list[bool] = []
+
+    def pieces() -> Iterator[Layer]:
+        yield Layer(1, "", ())
+        looking.set()
+        in_time.append(paused.wait(5))
+
+    ordering = Ordering(pieces())
+    planner = threading.Thread(target=list, args=(ordering,))
+    planner.start()
+    looking.wait(5)
+    assert next(iter(ordering)).number == 1
+    paused.set()
+    planner.join()
+    assert in_time == [True]
 
 
 def test_pieces_are_made_once_whoever_asks() -> None:
