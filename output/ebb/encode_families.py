@@ -13,7 +13,7 @@ from output.ebb import arithmetic, arithmetic_old, encode_quadratic
 from output.ebb.arithmetic import ONE_STEP, STILL, TICK_S, TICKS_PER_MS, Executed, State
 from output.ebb.commands import SM, T3, TD, XM, Command, MotionCommand
 from output.ebb.encode_merge import merge
-from output.ebb.encode_pieces import Borders, Parameters, Phase, quantised, split, stretched
+from output.ebb.encode_pieces import LONGEST_TICKS, Borders, Parameters, Phase, quantised, split, stretched
 from output.ebb.encode_slow import bent, rises, slowed, slowness, too_fast
 from output.ebb.encode_spans import Samples, cut, on_milliseconds, sampled, without_short_end
 from output.ebb.firmware import Firmware
@@ -247,7 +247,7 @@ class Stepwise(Family):
         for _ in range(8):
             samples = self.samples(slower)
             least = self.sustainable_ticks(self.name, slower)
-            spans = cut(samples, self.order, tolerance, least, self.most_ticks, one_way=True)
+            spans = cut(samples, self.order, tolerance, least, LONGEST_TICKS, one_way=True)
             if spans.worst <= tolerance * self.sizing.worst_steps:
                 break
             # An error of a line goes with T^2 a, a of a motion with 1 / factor^2; of a parabola with the cube.
@@ -268,10 +268,6 @@ class Stepwise(Family):
     @property
     def tolerance_steps(self) -> float:
         return self.sizing.sm_steps if self.order == 1 else self.sizing.lt_steps
-
-    @property
-    def most_ticks(self) -> int:
-        return 25 * TICKS_PER_MS
 
     @abstractmethod
     def samples(self, borders: Borders) -> Samples:
@@ -301,11 +297,6 @@ class Quadratic(Stepwise):
         super().__init__(firmware, kinematics, sizing)
         self.counting = counting
         self.name = "LM" if counting else "LT"
-
-    @property
-    def most_ticks(self) -> int:
-        # Straight cruises may be long, but not so long that a stop or a pause has to wait for them.
-        return 500 * TICKS_PER_MS
 
     def samples(self, borders: Borders) -> Samples:
         return sampled(borders, 3 * TICKS_PER_MS, turns=True)
@@ -345,11 +336,6 @@ class Linear(Stepwise):
         super().__init__(firmware, kinematics, sizing)
         self.mixed = mixed
         self.name = "XM" if mixed else "SM"
-
-    @property
-    def most_ticks(self) -> int:
-        # One step in 700 ms is still above the 1.31 steps per second that old firmware asks for.
-        return 700 * TICKS_PER_MS
 
     def samples(self, borders: Borders) -> Samples:
         return on_milliseconds(borders, TICKS_PER_MS)

@@ -38,6 +38,9 @@ _END_ERROR = ONE_STEP / 64
 _PAIR_RATE = 1.2e-4
 # Ticks: a piece of this length that is held back so ends at most 1/64 of a step off.
 _LONGEST_AT_REST = 900.0
+# No command lasts longer (0.25 s), however straight and steady the motion: a pause waits for what is on the board, and a kill
+# leaves it to be drawn.
+LONGEST_TICKS = 6250
 # A rate this much (of the piece's greatest) the wrong way is the rounding of a piece that goes one way, and is held back, which
 # may move the end of the piece by this much (steps) at most.
 _SLACK = 2e-3
@@ -138,7 +141,8 @@ def jerks(borders: Borders) -> Array:
 
 
 def split(borders: Borders) -> Borders:
-    """Split pieces that are so long that integer jerk and acceleration would move their middle by more than a tenth of a step.
+    """Split pieces that are longer than LONGEST_TICKS, or so long that integer jerk and acceleration would move their middle by
+    more than a tenth of a step.
 
     With both end points and both end rates kept, an error d of the jerk moves the middle by 0.008 d T^3, one of the
     acceleration by d T^2 / 8.
@@ -147,7 +151,7 @@ def split(borders: Borders) -> Borders:
     j = jerks(borders)
     off = np.abs(j - np.rint(j)).max(axis=1)
     middle = (0.00802 * off * t**3 + 0.0625 * t**2 * (off > 0)) / ONE_STEP
-    parts = np.ceil(np.cbrt(middle / _MIDDLE_ERROR))
+    parts = np.maximum(np.ceil(np.cbrt(middle / _MIDDLE_ERROR)), np.ceil(t / LONGEST_TICKS))
     # Next to a standstill the rate may not go below zero, which costs the end up to d T^3 / 12: shorter pieces there.
     rests = (np.minimum(np.abs(borders.v[:-1]), np.abs(borders.v[1:])) <= t[:, None] ** 2 / 12).any(axis=1) & (off > 0)
     parts = np.maximum(parts, np.where(rests, np.ceil(t / _LONGEST_AT_REST), 1.0)).astype(np.int64)

@@ -32,25 +32,26 @@ from planning.motion.plan import TICK_S, Motion, joined_motion, still
 SLOW = 0.3
 # The pen may leave the motion's own curve by this much while it is slowed down.
 FIT_MM = 0.002
-# No piece longer than this, so that the fit is that good; none shorter.
-LONGEST_S, SHORTEST_S = 0.006, 0.002
+# No piece longer than this, nor than a twentieth of the whole, so that the fit is that good; none shorter.
+LONGEST_S, SHORTEST_S, LEAST_PIECES = 0.006, 0.002, 20
 # What lies this far ahead is looked at when choosing how hard to brake.
 HORIZON_S = 2.0
 # Each attempt that breaks a limit is followed by a gentler one.
 GENTLER, ATTEMPTS = 0.85, 16
 # Where the motion is too close to its limits to brake at once, it runs on this long first.
 DELAYS_S = (0.0, 0.01, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8)
-STOP_ATTEMPTS = 4
+STOP_ATTEMPTS = 10
 # Slower than this (mm/s) is at rest.
 MOVING_MM_S = 1e-6
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Ramp:
-    """From full plan speed to rest: clock and plan time passed (m,), both from 0."""
+    """From full plan speed to rest: clock and plan time passed (m,), both from 0, and how gentle it had to be (1: not)."""
 
     tau_s: Array
     plan_s: Array
+    gentle: float
 
 
 def stop_on_path(motion: Motion, from_s: float, limits: Limits) -> tuple[Motion, float]:
@@ -75,7 +76,7 @@ def stop_on_path(motion: Motion, from_s: float, limits: Limits) -> tuple[Motion,
             found = _fitted(motion, knots, at, limits)
             if found is not None:
                 return _joined(_part(motion, begin, start), found), start + float(ramp.plan_s[-1])
-            gentle *= GENTLER
+            gentle = ramp.gentle * GENTLER
     return run_out(motion, begin)
 
 
@@ -142,9 +143,10 @@ def resume_on_path(motion: Motion, at_s: float, limits: Limits) -> Motion:
     gentle = 1.0
     for _ in range(ATTEMPTS):
         ramp = _ramp(motion, at_s, min(total, at_s + HORIZON_S), limits, gentle)
-        gentle *= GENTLER
         if ramp is None:
+            gentle *= GENTLER
             continue
+        gentle = ramp.gentle * GENTLER
         # The ramp backwards: rest first, plan speed last.
         tau, plan = ramp.tau_s[-1] - ramp.tau_s[::-1], ramp.plan_s[-1] - ramp.plan_s[::-1]
         join = _tick_up(motion, min(at_s + float(plan[-1]), total))
@@ -208,14 +210,14 @@ def _ramp(motion: Motion, low_s: float, high_s: float, limits: Limits, gentle: f
     tau = np.concatenate(([0.0], np.cumsum(np.diff(s) * 2.0 / (np.sqrt(b[1:]) + np.sqrt(b[:-1])))))
     # From SLOW: keep this deceleration, then let it go at a steady rate, so that both reach zero together.
     fall = 0.5 * delta * rate * float(np.sinh(rate * length))
-    ease = (most_j - SLOW**3 * jerk - 3.0 * accel * SLOW * fall) / speed
+    ease = gentle * (most_j - SLOW**3 * jerk - 3.0 * accel * SLOW * fall) / speed
     if ease <= 0.0 or fall**2 / (2.0 * ease) > SLOW:
         return _ramp(motion, low_s, high_s, limits, gentle * GENTLER) if gentle > 1e-3 else None
     hold, let_go = (SLOW - fall**2 / (2.0 * ease)) / fall, fall / ease
     t = np.linspace(0.0, hold + let_go, 1000)
     late = np.maximum(t - hold, 0.0)
     way = SLOW * t - fall * t**2 / 2.0 + ease * late**3 / 6.0
-    return _Ramp(np.concatenate((tau, tau[-1] + t[1:])), np.concatenate((s, s[-1] + way[1:])))
+    return _Ramp(np.concatenate((tau, tau[-1] + t[1:])), np.concatenate((s, s[-1] + way[1:])), gentle)
 
 
 def _knots(motion: Motion, tau_s: Array, plan_s: Array, duration: int) -> Ints:
@@ -232,7 +234,7 @@ def _knots(motion: Motion, tau_s: Array, plan_s: Array, duration: int) -> Ints:
         if tick - kept[-1] >= shortest and duration - tick >= shortest:
             kept.append(int(tick))
     kept.append(duration)
-    longest = int(LONGEST_S / TICK_S)
+    longest = max(min(int(LONGEST_S / TICK_S), duration // LEAST_PIECES), shortest)
     out = [np.zeros(1, dtype=np.int64)]
     for low, high in pairwise(kept):
         parts = max(1, -(-(high - low) // longest), -(-4 // (len(kept) - 1)))

@@ -93,6 +93,21 @@ def test_a_travel_stops_on_its_line_in_the_least_time(limits: Limits, length_mm:
     assert stopped > 15
 
 
+@pytest.mark.parametrize("acceleration_mm_s2", [500.0, 1000.0, 5000.0])
+@pytest.mark.parametrize("speed_mm_s", [1.0, 3.0, 10.0, 30.0, 100.0])
+def test_a_steady_line_is_left_soon_however_slow(speed_mm_s: float, acceleration_mm_s2: float) -> None:
+    """Slow lines of technical pens brake within a few pieces: no jerk may be lost to their length."""
+    limits = Limits(speed_mm_s, acceleration_mm_s2, 50 * acceleration_mm_s2, 0.02)
+    (motion,) = draw_motions([Stroke(np.array([[0.0, 0.0], [9.5, 3.0]]) * speed_mm_s)], limits, COREXY)  # 10 s
+    rise_s = min(acceleration_mm_s2 / limits.jerk_mm_s3, (speed_mm_s / limits.jerk_mm_s3) ** 0.5)
+    least_s = speed_mm_s / min(acceleration_mm_s2, rise_s * limits.jerk_mm_s3) + rise_s
+    for share in (0.3, 0.5, 0.7):
+        stopping, _ = stop_on_path(motion, share * motion.total_s, limits)
+        assert_continuous(stopping, from_rest=False)
+        assert_within_limits(stopping, limits)
+        assert stopping.total_s < 4 * least_s
+
+
 def test_a_time_outside_the_motion_is_refused() -> None:
     (motion,) = draw_motions([Stroke(path(1))], SETS[0], COREXY)
     with pytest.raises(ValueError, match="outside the motion"):
