@@ -20,6 +20,7 @@ from output.ebb.session import Board, connect
 from output.errors import BoardRefused
 from plotter.board_setup import board_setup
 from plotter.cli.options import SIM
+from plotter.cli.standard_streams import done
 from plotter.errors import BadInput, Interrupted
 from plotter.settings import Settings, resolve
 from plotter.units import length_mm
@@ -137,7 +138,7 @@ def _rename(one: Board, name: str, yes: bool) -> None:
         click.echo("nothing was changed", err=True)
         return
     one.set_nickname(name)
-    click.echo(f"the board at {one.port_name} is named {name!r}; unplug it and plug it in for the computer to see it")
+    done(f"the board at {one.port_name} is named {name!r}; unplug it and plug it in for the computer to see it")
 
 
 # the pen
@@ -163,7 +164,7 @@ def pen(what: str, port: str | None, **flags: str | None) -> None:
         wait_ms = round(1000 * (lift.lift_s() if up else lift.lower_s()))
         one.send(SP(1 if up else 0, wait_ms, lift.other_pin), timeout_s=_PEN_TIMEOUT_S)
         one.wait_until_still(_PEN_TIMEOUT_S)
-    click.echo(f"the pen is {'up' if up else 'down'}")
+    done(f"the pen is {'up' if up else 'down'}")
 
 
 def _heights(one: Board, settings: Settings) -> Iterator[Command]:
@@ -196,7 +197,7 @@ def move(x: str, y: str, absolute: bool, port: str | None, **flags: str | None) 
     with opened(port, clear=True, pen_pin=settings.pen_lift().other_pin) as one:
         start_mm = position_mm(one, settings)
         end_mm = carriage_to(one, settings, start_mm, given if absolute else start_mm + given)
-    click.echo(f"the carriage is at {end_mm[0]:.2f}, {end_mm[1]:.2f} mm")
+    done(f"the carriage is at {end_mm[0]:.2f}, {end_mm[1]:.2f} mm")
 
 
 @click.command()
@@ -211,7 +212,7 @@ def home(port: str | None, **flags: str | None) -> None:
     settings = tool_settings(**flags)
     with opened(port, clear=True, pen_pin=settings.pen_lift().other_pin) as one:
         carriage_to(one, settings, position_mm(one, settings), np.zeros(2))
-    click.echo("the carriage is at home")
+    done("the carriage is at home")
 
 
 @click.command()
@@ -224,7 +225,7 @@ def align(port: str | None, **flags: str | None) -> None:
     plotter align
     """
     _let_go(port, tool_settings(**flags))
-    click.echo("the pen is up and the motors are off: push the carriage to its home corner")
+    done("the pen is up and the motors are off: push the carriage to its home corner")
 
 
 @click.command()
@@ -237,7 +238,7 @@ def disable(port: str | None, **flags: str | None) -> None:
     plotter disable
     """
     _let_go(port, tool_settings(**flags))
-    click.echo("everything is stopped, the pen is up and the motors are off")
+    done("everything is stopped, the pen is up and the motors are off")
 
 
 def _let_go(port: str | None, settings: Settings) -> None:

@@ -18,6 +18,7 @@ from output.errors import BoardRefused, LinkLost
 from plotter.board_setup import board_setup
 from plotter.cli.awake import awake
 from plotter.cli.parts import plot_in_parts
+from plotter.cli.standard_streams import done
 from plotter.cli.streaming import FROM_HOME, finish
 from plotter.journals import Part, interrupted_plot, journal_path, made_again, part_after, part_program
 from plotter.pipeline import Job
@@ -52,7 +53,7 @@ def resume(port: str | None, homed: bool) -> None:
         if lost and _all_drawn(job, setup, state, board):
             with Journal.reopen(journal_path()) as journal:
                 journal.end("done", None)
-            click.echo(f"resumed {job.name}: all of it had been drawn; the pen is up")
+            done(f"resumed {job.name}: all of it had been drawn; the pen is up")
             return
         if lost:
             raise BoardRefused(f"{lost}: {_HOME}")
@@ -63,7 +64,7 @@ def resume(port: str | None, homed: bool) -> None:
     finish(ended, f"{job.name} on {board.port_name}")
     took = spoken_duration(ended.took_s)
     where = f"at stroke {part.stroke + 1} of {job.stroke_count}" if part.stroke < job.stroke_count else "after its last stroke"
-    click.echo(f"resumed {job.name} {where} and finished it in {took}")
+    done(f"resumed {job.name} {where} and finished it in {took}")
 
 
 def _port(state: PlotState, wanted: str | None) -> str:

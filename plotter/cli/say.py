@@ -22,9 +22,10 @@ AT_HOME = "paused at home"
 
 
 def notes(sentences: Iterable[str]) -> None:
-    """Each sentence once, on stderr."""
+    """Each sentence once, on stderr; where nobody can read it, it is dropped: a plot is not its hostage."""
     for sentence in dict.fromkeys(sentences):
-        click.echo(f"note: {sentence}", err=True)
+        with suppress(OSError):
+            click.echo(f"note: {sentence}", err=True)
 
 
 def passed_over(message: str) -> str:
