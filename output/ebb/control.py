@@ -113,3 +113,18 @@ def ignore_signals() -> None:
         for name in _SIGNALS:
             if hasattr(signal, name):
                 signal.signal(getattr(signal, name), signal.SIG_IGN)
+
+
+@contextlib.contextmanager
+def signals_end_here(flag: StopFlag, *, pauses: bool = False) -> Iterator[None]:
+    """`signals_stop` from the first stream of a command to the command's end: afterwards signals are ignored, on every way out.
+
+    Between the streams of a plot, while its bar and keys are put away, its journal is ended and its last message is said, an
+    impatient Ctrl-C would take from the operator how the plot can be gone on with. Nothing waits for anything without a
+    deadline by then.
+    """
+    with signals_stop(flag, pauses=pauses):
+        try:
+            yield
+        finally:
+            ignore_signals()

@@ -12,7 +12,7 @@ import click
 import numpy as np
 
 from output.ebb.commands import EM, SP, Command
-from output.ebb.control import StopFlag
+from output.ebb.control import StopFlag, signals_end_here
 from output.ebb.encode import encode, pen_heights, prologue
 from output.ebb.ports import UDEV_RULE, choose_port, find_ports
 from output.ebb.program import Program
@@ -278,7 +278,9 @@ def carriage_to(one: Board, settings: Settings, start_mm: np.ndarray, end_mm: np
             f"{end_mm[0]:.2f}, {end_mm[1]:.2f} mm is outside the machine's travel of {profile.width_mm:g} x "
             f"{profile.height_mm:g} mm: nothing was moved"
         )
-    result = one.stream(_travel_program(one, settings, start_mm, end_mm), on_progress=lambda _: None, stop=StopFlag())
+    stop = StopFlag()
+    with signals_end_here(stop):
+        result = one.stream(_travel_program(one, settings, start_mm, end_mm), on_progress=lambda _: None, stop=stop)
     if result.outcome != "done":
         raise Interrupted(f"{result.reason}: the carriage was stopped on its way, the pen is up and the motors are off")
     return position_mm(one, settings)

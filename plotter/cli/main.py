@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import traceback
 from contextlib import suppress
@@ -27,6 +28,8 @@ EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
     (Interrupted, INTERRUPTED),
     (KeyboardInterrupt, INTERRUPTED),
 )
+
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class LazyGroup(click.Group):
@@ -76,7 +79,7 @@ def cli() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 1 internal, 2 bad input, 3 refused, 4 link lost, 5 paused, 130 interrupted."""
     standard_streams.open_the_closed()
-    code = run(arguments)
+    code = _run(arguments)
     standard_streams.settle()
     producer = sys.modules.get("output.ebb.producer")
     if producer is not None and producer.still_planning():
@@ -87,7 +90,20 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def run(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit code; failures are said on stderr in one sentence."""
+    """Run the command line and return its exit code; failures are said on stderr in one sentence.
+
+    For whoever goes on afterwards: the signals that a plot ignores in its last moments are as they were.
+    """
+    before = {number: signal.getsignal(number) for name in _SIGNALS if (number := getattr(signal, name, None)) is not None}
+    try:
+        return _run(arguments)
+    finally:
+        for number, handler in before.items():
+            if signal.getsignal(number) is not handler:
+                signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+def _run(arguments: list[str] | None) -> int:
     try:
         result = cli.main(args=arguments, prog_name="plotter", standalone_mode=False)
         sys.stdout.flush()  # here, where it can be told that it fails

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from output.ebb.commands import Command
-from output.ebb.control import StopFlag, ignore_signals
+from output.ebb.control import StopFlag, signals_end_here
 from output.ebb.encode import BoardSetup, encode, prologue
 from output.ebb.held import PausableProgram
 from output.ebb.journal import Journal
@@ -47,7 +47,7 @@ def plot_in_parts(
     stop, started, total = StopFlag(), time.monotonic(), Progress()
     settings = motion_settings(job.settings, job.machine)
     outlook = _Outlook(job, 0 if part is None else part.stroke)
-    with progress_bar(outlook.guesses_s()) as bar, keys(stop) as listening:
+    with signals_end_here(stop, pauses=True), progress_bar(outlook.guesses_s()) as bar, keys(stop) as listening:
         while True:
             _note_part(board, journal, part)
             actions = part_actions(job, part)
@@ -79,8 +79,6 @@ def plot_in_parts(
                     bar.tell("the pen is up: going home")
                 _go_home(board, setup, job, part, stop)
                 part = replace(part, start_mm=(0.0, 0.0))
-    if result.outcome != "done":
-        ignore_signals()  # the pen is up; a late Ctrl-C would only take the message and the exit code away
     if journal is not None:
         journal.end(result.outcome, result.steps)
     return Ended(result, total, time.monotonic() - started)

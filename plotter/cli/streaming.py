@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from output.ebb.control import StopFlag, ignore_signals
+from output.ebb.control import StopFlag, signals_end_here
 from output.ebb.program import Program
 from output.ebb.progress import Progress
 from output.ebb.session import Board, StreamResult
@@ -39,10 +39,8 @@ class Ended:
 def streamed(board: Board, items: Program, guess_s: list[float]) -> Ended:
     """Stream a program that is sent as it is, with a progress bar and keys; Ctrl-C stops it."""
     stop, started = StopFlag(), time.monotonic()
-    with progress_bar(guess_s) as bar, keys(stop):
+    with signals_end_here(stop), progress_bar(guess_s) as bar, keys(stop):
         result = board.stream(items, on_progress=bar.show, stop=stop)
-    if result.outcome != "done":
-        ignore_signals()  # the pen is up; a late Ctrl-C would only take the message and the exit code away
     return Ended(result, result.progress, time.monotonic() - started)
 
 
