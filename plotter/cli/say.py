@@ -28,6 +28,13 @@ def notes(sentences: Iterable[str]) -> None:
             click.echo(f"note: {sentence}", err=True)
 
 
+def meanwhile(sentence: str) -> None:
+    """What is being done while nothing moves, for somebody who waits for it at a terminal."""
+    if sys.stderr.isatty():
+        with suppress(OSError):
+            click.echo(sentence, err=True)
+
+
 def passed_over(message: str) -> str:
     """What is said of a pause that nobody could end."""
     return f"the pause '{message}' is passed over: nobody is at a keyboard"

@@ -159,6 +159,25 @@ def test_after_a_kill_the_board_finished_by_itself_or_its_motors_were_let_go(
         assert "plotter resume --homed" in capsys.readouterr().err
 
 
+def test_what_the_board_alone_can_refuse_does_not_wait_for_the_drawing(
+    drawing: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The plot was cut off in its first stroke, so that there is no question whether all of it was drawn."""
+    with start_virtual_board() as board:
+        plot_and_kill(drawing, board, 1.3, signal.SIGKILL)
+
+    def read_again(_state: object) -> None:
+        raise AssertionError("the drawing is read")
+
+    monkeypatch.setattr("plotter.cli.resume.made_again", read_again)
+    with start_virtual_board() as board:
+        assert run(["resume", "--port", board.port]) == 3
+        assert "restarted" in capsys.readouterr().err
+        monkeypatch.setattr("plotter.cli.say.sys.stderr.isatty", lambda: True)
+        assert run(["resume", "--port", board.port, "--homed"]) == 1
+        assert f"reading {drawing} again" in capsys.readouterr().err
+
+
 def test_a_plot_from_where_the_pen_was_is_resumed(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its order depends on where it began, and its counters went on from there."""
     with start_virtual_board() as board:
