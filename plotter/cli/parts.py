@@ -48,6 +48,8 @@ def plot_in_parts(
     settings = motion_settings(job.settings, job.machine)
     outlook = _Outlook(job, 0 if part is None else part.stroke)
     with signals_end_here(stop, pauses=True), progress_bar(outlook.guesses_s()) as bar, keys(stop) as listening:
+        stop.unattended = not listening
+        bar.without_keys = "" if listening else "Ctrl-C ends the plot in the pause"
         while True:
             _note_part(board, journal, part)
             actions = part_actions(job, part)

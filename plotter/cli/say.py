@@ -49,6 +49,7 @@ class Bar:
     def __init__(self, guess_s: Sequence[float]) -> None:
         self.expect(guess_s)
         self._paused = ""
+        self.without_keys = ""  # where no key can be pressed, what Ctrl-C does in a pause
         self.progress: Progress | None = None
         if sys.stderr.isatty():
             self.progress = _drawn_bar()
@@ -73,7 +74,9 @@ class Bar:
         try:
             if paused and paused != self._paused and not leaving:
                 home = "" if paused == AT_HOME else "h goes home, "
-                self.tell(f"{paused}: p or the board's button goes on, {home}q or Ctrl-C ends the plot")
+                keys = f"p or the board's button goes on, {home}q or Ctrl-C ends the plot"
+                keyless = f"the board's button goes on, {self.without_keys}"
+                self.tell(f"{paused}: {keyless if self.without_keys else keys}")
             self._paused = paused
             if self.progress is not None:
                 left_s = self.left_s(done)

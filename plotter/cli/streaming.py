@@ -39,7 +39,8 @@ class Ended:
 def streamed(board: Board, items: Program, guess_s: list[float]) -> Ended:
     """Stream a program that is sent as it is, with a progress bar and keys; Ctrl-C stops it."""
     stop, started = StopFlag(), time.monotonic()
-    with signals_end_here(stop), progress_bar(guess_s) as bar, keys(stop):
+    with signals_end_here(stop), progress_bar(guess_s) as bar, keys(stop) as listening:
+        bar.without_keys = "" if listening else "Ctrl-C ends it"
         result = board.stream(items, on_progress=bar.show, stop=stop)
     return Ended(result, result.progress, time.monotonic() - started)
 

@@ -93,3 +93,27 @@ def test_ctrl_c_between_two_streams_of_a_plot_stops_it(tmp_path: Path, monkeypat
     assert len(noted) == 2
     assert (ended.result.outcome, ended.result.reason) == ("stopped", "stopped by SIGINT")
     assert memory.board.state()["pen_up"]
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_ctrl_c_in_a_pause_that_nobody_can_leave_by_key_ends_the_plot_there(
+    times: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """After the board's button, with no terminal: motors on, so that it can be resumed. The second one stops, as ever."""
+    pressed: list[float] = []
+
+    def press(memory: MemoryBoard, _stop: StopFlag) -> None:
+        if not pressed and memory.clock() > 3.0:
+            pressed.append(memory.clock())
+            memory.board.press_button()
+        elif len(pressed) == 1 and memory.clock() > pressed[0] + 4.0:
+            pressed.append(memory.clock())
+            for _ in range(times):
+                ctrl_c()
+
+    ended, memory = plotted(tmp_path, monkeypatch, listening=False, on_receive=press)
+    assert ended.result.outcome == ("paused" if times == 1 else "stopped")
+    assert memory.board.state()["pen_up"]
+    assert all(memory.board.state()["motors_on"]) == (times == 1)
+    said = capsys.readouterr().err
+    assert said == "the board's button was pressed: the board's button goes on, Ctrl-C ends the plot in the pause\n"
