@@ -20,6 +20,7 @@ from output.ebb.control import StopFlag, signals_stop
 from output.ebb.conversation import REPLY_TIMEOUT_S, Clock, Conversation
 from output.ebb.handshake import greet
 from output.ebb.link import ChecksummedPort, Port, SerialPort
+from output.ebb.nickname import wrong_nickname
 from output.ebb.program import Program
 from output.ebb.progress import Progress, Recorder
 from output.ebb.protocol import Syntax
@@ -214,10 +215,8 @@ class Board:
         """
         if not self.abilities.nickname:
             raise BadCommand(f"firmware {self.firmware} has no nicknames: it needs 2.5.5 or later")
-        if len(name) > 16 or not all(" " <= letter <= "~" and letter not in ",'\"" for letter in name) or name == "OK":
-            raise BadCommand(
-                f"a nickname has at most 16 letters, digits, spaces or signs, no comma or quotes, not {name!r}: choose another"
-            )
+        if (wrong := wrong_nickname(name)) is not None:
+            raise BadCommand(wrong)
         self._talk.ask(f"ST,{name}")
         if self.nickname() != name:
             raise BoardRefused(f"the board calls itself {self.nickname()!r} after being named {name!r}: try again")

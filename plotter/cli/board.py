@@ -14,10 +14,11 @@ import numpy as np
 from output.ebb.commands import EM, SP, Command
 from output.ebb.control import StopFlag, signals_end_here
 from output.ebb.encode import encode, pen_heights, prologue
+from output.ebb.nickname import wrong_nickname
 from output.ebb.ports import UDEV_RULE, choose_port, find_ports
 from output.ebb.program import Program
 from output.ebb.session import Board, connect
-from output.errors import BoardRefused
+from output.errors import BadCommand, BoardRefused
 from plotter.board_setup import board_setup
 from plotter.cli.options import SIM
 from plotter.cli.standard_streams import done
@@ -133,6 +134,8 @@ def facts_of(one: Board) -> dict[str, Any]:
 
 
 def _rename(one: Board, name: str, yes: bool) -> None:
+    if (wrong := wrong_nickname(name)) is not None:
+        raise BadCommand(wrong)
     old = one.nickname() or "no name"
     if not yes and not click.confirm(f"Write the nickname {name!r} into the board at {one.port_name} (now: {old})?", err=True):
         click.echo("nothing was changed", err=True)
