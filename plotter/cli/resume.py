@@ -24,7 +24,7 @@ from plotter.cli.awake import awake
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.say import meanwhile
 from plotter.cli.standard_streams import done
-from plotter.cli.streaming import FROM_HOME, finish
+from plotter.cli.streaming import FROM_HOME, finish, told_how_to_go_on
 from plotter.journals import Part, interrupted_plot, journal_path, made_again, part_after, part_program
 from plotter.pipeline import Job
 from plotter.settings import Settings
@@ -68,7 +68,7 @@ def resume(port: str | None, homed: bool) -> None:
             return
         place = _place(job, setup, state, board, homed)
         part = part_after(setup, Part.of(state.part), place, homed)
-        with Journal.reopen(journal_path()) as journal:
+        with told_how_to_go_on(lambda: not journal.trouble), Journal.reopen(journal_path()) as journal:
             ended = plot_in_parts(board, job, setup, journal, part)
     finish(ended, f"{job.name} on {board.port_name}")
     took = spoken_duration(ended.took_s)

@@ -49,6 +49,7 @@ class Bar:
     def __init__(self, guess_s: Sequence[float]) -> None:
         self.expect(guess_s)
         self._paused = ""
+        self.drawn_before = 0  # strokes of the drawing that are none of this run's
         self.without_keys = ""  # where no key can be pressed, what Ctrl-C does in a pause
         self.progress: Progress | None = None
         if sys.stderr.isatty():
@@ -82,7 +83,8 @@ class Bar:
                 left_s = self.left_s(done)
                 share = done.board_time_s / max(done.board_time_s + left_s, 1e-9)
                 layer = f"{done.layer.name}: " if done.layer is not None else ""
-                text = f"{layer}stroke {min(done.strokes_done + 1, self._strokes)} of {self._strokes}"
+                stroke = self.drawn_before + min(done.strokes_done + 1, self._strokes)
+                text = f"{layer}stroke {stroke} of {self.drawn_before + self._strokes}"
                 left = "paused" if paused else "pausing" if done.message else f"{spoken_duration(left_s)} left"
                 self.progress.update(self._task, description=text, completed=share, left=left)
         except OSError:
