@@ -13,5 +13,16 @@ class BoardRefused(OutputError):
     """The board answered with an error, or is not what it should be."""
 
 
+class PositionLost(BoardRefused):
+    """The machine is not where the board counts it: `why`, and, where that wants mending first, `mend`.
+
+    `plotter home` would go by the counters, and be wrong by as much.
+    """
+
+    def __init__(self, why: str, mend: str = "") -> None:
+        first = f"{mend}, then " if mend else ""
+        super().__init__(f"{why}: {first}run `plotter align` and push the carriage to its home corner")
+
+
 class LinkLost(OutputError):
     """The port went away or the board stopped answering."""

@@ -1,5 +1,8 @@
 """What the tests share: the flag that renews golden files, and how examples of property tests are chosen."""
 
+import signal
+from collections.abc import Iterator
+
 import pytest
 from hypothesis import settings
 
@@ -14,3 +17,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("same" if config.getoption("markexpr") == "not long" else "new")
+
+
+@pytest.fixture(autouse=True)
+def _signals() -> Iterator[None]:
+    """A plot ends with its signals ignored, for the message's sake; the next test is not to inherit that."""
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = [signal.getsignal(number) for number in numbers]
+    yield
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)

@@ -40,6 +40,8 @@ _PAUSE = re.compile(r"#\s*pause(?: (.*))?$")
 _SLOWED = re.compile(r"#\s*slowed (\d+\.\d+) s, up to (\d+\.\d+) times$")
 _WORDS: dict[str, Mark] = {"# approach": ApproachMark(), "# dip": DipMark()}
 _LONGEST_LINE = 4096
+# What bytes that are no UTF-8 become when they are read.
+_NO_TEXT = re.compile("[\udc80-\udcff]")
 
 
 class Line(NamedTuple):
@@ -151,16 +153,15 @@ def _mark(text: str) -> Mark | None:
 def _numbered(source: str | Path | TextIO) -> Iterator[tuple[int, str]]:
     with _opened(source, "r") as file:
         number = 0
-        try:
-            while line := file.readline(_LONGEST_LINE):
-                number += 1
-                if len(line) >= _LONGEST_LINE:
-                    raise BadCommand(f"line {number} is longer than {_LONGEST_LINE} characters; this is not a command file")
-                if "\0" in line:
-                    raise BadCommand(f"line {number} has a zero byte; this is not a command file")
-                yield number, line.strip().removeprefix("\ufeff")
-        except UnicodeDecodeError:
-            raise BadCommand(f"line {number + 1} is not text (UTF-8); this is not a command file") from None
+        while line := file.readline(_LONGEST_LINE):
+            number += 1
+            if len(line) >= _LONGEST_LINE:
+                raise BadCommand(f"line {number} is longer than {_LONGEST_LINE} characters; this is not a command file")
+            if "\0" in line:
+                raise BadCommand(f"line {number} has a zero byte; this is not a command file")
+            if not line.isascii() and _NO_TEXT.search(line):
+                raise BadCommand(f"line {number} is not text (UTF-8); this is not a command file")
+            yield number, line.strip().removeprefix("\ufeff")
 
 
 @contextmanager
@@ -168,7 +169,9 @@ def _opened(target: str | Path | TextIO, mode: str) -> Iterator[IO[str]]:
     """The stream itself, or the file at a path, closed afterwards."""
     if isinstance(target, str | Path):
         newline = "\n" if mode == "w" else None
-        with Path(target).open(mode, encoding="utf-8", newline=newline) as file:
+        # Read in pieces of many lines: what is no text must not be told before its line comes.
+        errors = "surrogateescape" if mode == "r" else "strict"
+        with Path(target).open(mode, encoding="utf-8", errors=errors, newline=newline) as file:
             yield file
     else:
         yield target

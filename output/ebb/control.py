@@ -17,7 +17,8 @@ _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 class StopFlag:
     """Requests from signal handlers, other threads and buttons, read by the one loop that owns the port.
 
-    Every method may be called from a signal handler: it takes no lock and only assigns.
+    Every method may be called from a signal handler: it takes no lock and only assigns. `unattended`: no key can be pressed, so
+    that a signal for a pause ends the plot there, and one in a pause as well, motors on.
     """
 
     def __init__(self) -> None:
@@ -28,6 +29,7 @@ class StopFlag:
         self.pause_signal: int | None = None
         self.leave_asked = False
         self.home_asked = False
+        self.unattended = False
         self._wakers: tuple[Callable[[], None], ...] = ()
 
     @property
@@ -80,7 +82,8 @@ class StopFlag:
 def signals_stop(flag: StopFlag, *, pauses: bool = False) -> Iterator[None]:
     """SIGINT, SIGTERM and SIGHUP ask `flag` to stop instead of ending the program; the old handlers come back afterwards.
 
-    With `pauses`, SIGINT pauses first and stops when it comes again.
+    With `pauses`, SIGINT pauses first and stops when it comes again; in a pause that came otherwise it stops, or, where the
+    flag is `unattended`, has the pause end the plot.
 
     Only the main thread may set handlers; elsewhere this does nothing, and whoever runs the thread owns the signals.
     """
@@ -91,6 +94,8 @@ def signals_stop(flag: StopFlag, *, pauses: bool = False) -> Iterator[None]:
     def handler(number: int, _frame: object) -> None:
         if pauses and number == signal.SIGINT and flag.pause_reason is None and flag.reason is None:
             flag.pause("paused by Ctrl-C", number)
+        elif pauses and number == signal.SIGINT and flag.reason is None and flag.unattended and flag.pause_signal is None:
+            flag.pause(flag.pause_reason or "", number)
         else:
             flag.stop(f"stopped by {signal.Signals(number).name}", number)
 
@@ -113,3 +118,18 @@ def ignore_signals() -> None:
         for name in _SIGNALS:
             if hasattr(signal, name):
                 signal.signal(getattr(signal, name), signal.SIG_IGN)
+
+
+@contextlib.contextmanager
+def signals_end_here(flag: StopFlag, *, pauses: bool = False) -> Iterator[None]:
+    """`signals_stop` from the first stream of a command to the command's end: afterwards signals are ignored, on every way out.
+
+    Between the streams of a plot, while its bar and keys are put away, its journal is ended and its last message is said, an
+    impatient Ctrl-C would take from the operator how the plot can be gone on with. Nothing waits for anything without a
+    deadline by then.
+    """
+    with signals_stop(flag, pauses=pauses):
+        try:
+            yield
+        finally:
+            ignore_signals()

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 from output.ebb.link import Port
 from output.ebb.protocol import Event, Notice, Protocol, Refusal, Reply, Resynced, Stray, Syntax
-from output.errors import BoardRefused, LinkLost
+from output.errors import BoardRefused, LinkLost, PositionLost
 
 # The slowest command to parse takes the board 6 ms; the rest of this second is for a busy host and a slow USB hub.
 REPLY_TIMEOUT_S = 1.0
@@ -159,9 +159,9 @@ def complaint(event: Event, context: str) -> BoardRefused | LinkLost:
     if isinstance(event, Refusal):
         return BoardRefused(f"the board refused {context}: {event.text}")
     if isinstance(event, Notice) and event.text.startswith("Limit"):
-        return BoardRefused(f"{event.text.rstrip()}, during {context}: free the switch, then home the machine")
+        return PositionLost(f"{event.text.rstrip()}, during {context}", "free the switch")
     if isinstance(event, Notice):
-        return BoardRefused(f"the board restarted ({event.text}) during {context}: its position is lost, home the machine")
+        return PositionLost(f"the board restarted ({event.text}) during {context}, so that its position is lost")
     text = event.text if isinstance(event, Stray) else repr(event)
     return LinkLost(
         f"a reply nobody asked for, {text[:60]!r}, during {context}: replies were lost or another program uses the port; "

@@ -20,12 +20,13 @@ from output.ebb.control import StopFlag, signals_stop
 from output.ebb.conversation import REPLY_TIMEOUT_S, Clock, Conversation
 from output.ebb.handshake import greet
 from output.ebb.link import ChecksummedPort, Port, SerialPort
+from output.ebb.nickname import wrong_nickname
 from output.ebb.program import Program
-from output.ebb.progress import Progress, Recorder
+from output.ebb.progress import Progress, Recorder, State
 from output.ebb.protocol import Syntax
 from output.ebb.safe_stop import StopReport, safe_stop
 from output.ebb.stream import Hold, StopRequested, Streamer
-from output.errors import BadCommand, BoardRefused, LinkLost
+from output.errors import BadCommand, BoardRefused, LinkLost, PositionLost
 from output.wording import counted
 
 # CU,4 answers only when nothing moves any more: at once after a stop, later after another program's move.
@@ -214,10 +215,8 @@ class Board:
         """
         if not self.abilities.nickname:
             raise BadCommand(f"firmware {self.firmware} has no nicknames: it needs 2.5.5 or later")
-        if len(name) > 16 or not all(" " <= letter <= "~" and letter not in ",'\"" for letter in name) or name == "OK":
-            raise BadCommand(
-                f"a nickname has at most 16 letters, digits, spaces or signs, no comma or quotes, not {name!r}: choose another"
-            )
+        if (wrong := wrong_nickname(name)) is not None:
+            raise BadCommand(wrong)
         self._talk.ask(f"ST,{name}")
         if self.nickname() != name:
             raise BoardRefused(f"the board calls itself {self.nickname()!r} after being named {name!r}: try again")
@@ -254,12 +253,14 @@ class Board:
         journal: Recorder | None = None,
         hold: Hold | None = None,
         free_motors: bool = True,
+        drawn_before: int = 0,
     ) -> StreamResult:
         """Sends `program` and returns when the board has executed it, or when `stop` ended it.
 
         On every other way out than "done" the motion is stopped and the pen raised first; a stop by the operator also lets go
         of the motors unless `free_motors` is False. In the main thread, SIGINT, SIGTERM and SIGHUP set `stop` meanwhile; with
-        `hold` the first SIGINT only pauses.
+        `hold` the first SIGINT only pauses. `drawn_before` strokes were drawn by earlier programs of the same plot: an error
+        counts them.
         Raises what the program raised, BoardRefused, BadCommand or LinkLost, with the safe stop's report in `last_stop`.
         """
         with signals_stop(stop, pauses=hold is not None), stop.waking(self._talk.port.wake):
@@ -295,24 +296,27 @@ class Board:
                 report = self.safe_stop()
                 progress = streamer.progress if streamer is not None else Progress()
                 if isinstance(error, LinkLost):
-                    raise self._told_better(error, report, progress) from error
+                    raise self._told_better(error, report, progress, drawn_before) from error
                 raise
             finally:
                 self._job_token = None
                 if streamer is not None:
                     streamer.wait_for_planner()
 
-    def _told_better(self, error: LinkLost, report: StopReport, progress: Progress) -> BoardRefused | LinkLost:
+    def _told_better(
+        self, error: LinkLost, report: StopReport, progress: Progress, drawn_before: int
+    ) -> BoardRefused | LinkLost:
         """What a lost reply or link really was, once the safe stop has looked."""
-        drawn = counted(progress.strokes_done, "stroke")
-        done = f"{counted(progress.commands_executed, 'command')} and {drawn} were drawn for certain"
+        strokes = drawn_before + progress.strokes_done
+        done = f"{counted(strokes, 'stroke')} {'was' if strokes == 1 else 'were'} drawn for certain"
+        if not report.pen_up and progress.state is State.PAUSED and progress.pen_up:
+            return LinkLost(f"{error}; {done}; the plot was paused with the pen up")
         if not report.pen_up:
             return LinkLost(f"{error}; {done}; the pen could not be raised and may be down: lift it by hand")
         if self.abilities.future_syntax and self._talk.syntax is Syntax.LEGACY:
             self._depth = None
-            return BoardRefused(
-                f"the board restarted during the plot ({done}), so that its position is lost: check its power supply, home the "
-                "machine, and resume"
+            return PositionLost(
+                f"the board restarted during the plot ({done}), so that its position is lost", "check its power supply"
             )
         return LinkLost(f"{error}; {done}; the pen is up")
 

@@ -39,7 +39,7 @@ from output.ebb.program import (
 )
 from output.ebb.progress import Progress, Recorder, State
 from output.ebb.protocol import Event, Reply
-from output.errors import BadCommand, BoardRefused
+from output.errors import BadCommand, BoardRefused, PositionLost
 
 # Motion kept on the board: ordinary host stalls are 50 to 800 ms; more would only delay a pause and overrun after a crash.
 LEAD_S = 1.2
@@ -312,9 +312,9 @@ class Streamer:
         if seen.pen_up is not None:
             self._set(pen_up=seen.pen_up)
         if seen.power_lost:
-            raise BoardRefused(
-                "the motors' power was lost during the plot, so that the machine is not where the board counts it: check the "
-                "power supply, home the machine, and resume"
+            raise PositionLost(
+                "the motors' power was lost during the plot, so that the machine is not where the board counts it",
+                "check the power supply",
             )
         if seen.button:
             self._button_pressed()
@@ -337,9 +337,8 @@ class Streamer:
     def _check_token(self, token: int) -> None:
         """Whether the board is still the one that was told this job's token."""
         if self._token is not None and token != self._token[1]:
-            raise BoardRefused(
-                f"the board restarted during {self._where()}, so that its position is lost: check its power supply, home the "
-                "machine, and resume"
+            raise PositionLost(
+                f"the board restarted during {self._where()}, so that its position is lost", "check its power supply"
             )
         self._token_seen = self._token_asked
 

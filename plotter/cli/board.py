@@ -12,14 +12,16 @@ import click
 import numpy as np
 
 from output.ebb.commands import EM, SP, Command
-from output.ebb.control import StopFlag
+from output.ebb.control import StopFlag, signals_end_here
 from output.ebb.encode import encode, pen_heights, prologue
+from output.ebb.nickname import wrong_nickname
 from output.ebb.ports import UDEV_RULE, choose_port, find_ports
 from output.ebb.program import Program
 from output.ebb.session import Board, connect
-from output.errors import BoardRefused
+from output.errors import BadCommand, BoardRefused
 from plotter.board_setup import board_setup
 from plotter.cli.options import SIM
+from plotter.cli.standard_streams import done
 from plotter.errors import BadInput, Interrupted
 from plotter.settings import Settings, resolve
 from plotter.units import length_mm
@@ -132,12 +134,14 @@ def facts_of(one: Board) -> dict[str, Any]:
 
 
 def _rename(one: Board, name: str, yes: bool) -> None:
+    if (wrong := wrong_nickname(name)) is not None:
+        raise BadCommand(wrong)
     old = one.nickname() or "no name"
     if not yes and not click.confirm(f"Write the nickname {name!r} into the board at {one.port_name} (now: {old})?", err=True):
         click.echo("nothing was changed", err=True)
         return
     one.set_nickname(name)
-    click.echo(f"the board at {one.port_name} is named {name!r}; unplug it and plug it in for the computer to see it")
+    done(f"the board at {one.port_name} is named {name!r}; unplug it and plug it in for the computer to see it")
 
 
 # the pen
@@ -163,7 +167,7 @@ def pen(what: str, port: str | None, **flags: str | None) -> None:
         wait_ms = round(1000 * (lift.lift_s() if up else lift.lower_s()))
         one.send(SP(1 if up else 0, wait_ms, lift.other_pin), timeout_s=_PEN_TIMEOUT_S)
         one.wait_until_still(_PEN_TIMEOUT_S)
-    click.echo(f"the pen is {'up' if up else 'down'}")
+    done(f"the pen is {'up' if up else 'down'}")
 
 
 def _heights(one: Board, settings: Settings) -> Iterator[Command]:
@@ -196,7 +200,7 @@ def move(x: str, y: str, absolute: bool, port: str | None, **flags: str | None) 
     with opened(port, clear=True, pen_pin=settings.pen_lift().other_pin) as one:
         start_mm = position_mm(one, settings)
         end_mm = carriage_to(one, settings, start_mm, given if absolute else start_mm + given)
-    click.echo(f"the carriage is at {end_mm[0]:.2f}, {end_mm[1]:.2f} mm")
+    done(f"the carriage is at {end_mm[0]:.2f}, {end_mm[1]:.2f} mm")
 
 
 @click.command()
@@ -211,7 +215,7 @@ def home(port: str | None, **flags: str | None) -> None:
     settings = tool_settings(**flags)
     with opened(port, clear=True, pen_pin=settings.pen_lift().other_pin) as one:
         carriage_to(one, settings, position_mm(one, settings), np.zeros(2))
-    click.echo("the carriage is at home")
+    done("the carriage is at home")
 
 
 @click.command()
@@ -224,7 +228,7 @@ def align(port: str | None, **flags: str | None) -> None:
     plotter align
     """
     _let_go(port, tool_settings(**flags))
-    click.echo("the pen is up and the motors are off: push the carriage to its home corner")
+    done("the pen is up and the motors are off: push the carriage to its home corner")
 
 
 @click.command()
@@ -237,7 +241,7 @@ def disable(port: str | None, **flags: str | None) -> None:
     plotter disable
     """
     _let_go(port, tool_settings(**flags))
-    click.echo("everything is stopped, the pen is up and the motors are off")
+    done("everything is stopped, the pen is up and the motors are off")
 
 
 def _let_go(port: str | None, settings: Settings) -> None:
@@ -277,7 +281,9 @@ def carriage_to(one: Board, settings: Settings, start_mm: np.ndarray, end_mm: np
             f"{end_mm[0]:.2f}, {end_mm[1]:.2f} mm is outside the machine's travel of {profile.width_mm:g} x "
             f"{profile.height_mm:g} mm: nothing was moved"
         )
-    result = one.stream(_travel_program(one, settings, start_mm, end_mm), on_progress=lambda _: None, stop=StopFlag())
+    stop = StopFlag()
+    with signals_end_here(stop):
+        result = one.stream(_travel_program(one, settings, start_mm, end_mm), on_progress=lambda _: None, stop=stop)
     if result.outcome != "done":
         raise Interrupted(f"{result.reason}: the carriage was stopped on its way, the pen is up and the motors are off")
     return position_mm(one, settings)

@@ -15,6 +15,7 @@ from plotter.cli.help import HeadedCommand
 from plotter.cli.options import collect, settings_options
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
+from plotter.cli.standard_streams import done
 from plotter.errors import BadInput
 from plotter.estimate import PlanTally
 from plotter.pipeline import planned, prepare, program
@@ -60,7 +61,7 @@ def export(file: str, output: str, **options: Any) -> None:
         write_command_file(output, header, items)
     except OSError as error:
         raise BadInput(f"cannot write {output}: {error.strerror}; give another file with -o") from None
-    click.echo(f"{output}: {counted(report.commands, 'command')}, {spoken_duration(report.duration_s)}")
+    done(f"{output}: {counted(report.commands, 'command')}, {spoken_duration(report.duration_s)}")
 
 
 def _in_force(resolved: ResolvedSettings) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import errno
 import os
+import signal
 import sys
 import traceback
 from contextlib import suppress
@@ -13,6 +13,7 @@ import click
 
 from output.errors import BadCommand, BoardRefused, LinkLost
 from planning.errors import PlanningError
+from plotter.cli import standard_streams
 from plotter.errors import BadInput, Interrupted, Paused
 
 DONE, INTERNAL, BAD_INPUT, REFUSED, LINK_LOST, PAUSED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
@@ -28,9 +29,7 @@ EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
     (KeyboardInterrupt, INTERRUPTED),
 )
 
-
-# Whoever read the output is gone: a pipe or a terminal that was closed.
-_NOBODY_READS = (errno.EPIPE, errno.EIO)
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class LazyGroup(click.Group):
@@ -79,22 +78,35 @@ def cli() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 1 internal, 2 bad input, 3 refused, 4 link lost, 5 paused, 130 interrupted."""
-    code = run(arguments)
+    standard_streams.open_the_closed()
+    code = _run(arguments)
+    standard_streams.settle()
     producer = sys.modules.get("output.ebb.producer")
     if producer is not None and producer.still_planning():
         # A plot that was ended early: everything is said and closed, and taking the interpreter down around a thread that is
         # in the middle of a computation makes extension modules complain on the terminal.
-        for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError, ValueError):
-                stream.flush()
         os._exit(code)
     sys.exit(code)
 
 
 def run(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit code; failures are said on stderr in one sentence."""
+    """Run the command line and return its exit code; failures are said on stderr in one sentence.
+
+    For whoever goes on afterwards: the signals that a plot ignores in its last moments are as they were.
+    """
+    before = {number: signal.getsignal(number) for name in _SIGNALS if (number := getattr(signal, name, None)) is not None}
+    try:
+        return _run(arguments)
+    finally:
+        for number, handler in before.items():
+            if signal.getsignal(number) is not handler:
+                signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+def _run(arguments: list[str] | None) -> int:
     try:
         result = cli.main(args=arguments, prog_name="plotter", standalone_mode=False)
+        sys.stdout.flush()  # here, where it can be told that it fails
         return result if isinstance(result, int) else DONE
     except click.exceptions.Abort:
         return INTERRUPTED
@@ -107,8 +119,11 @@ def run(arguments: list[str] | None = None) -> int:
         _say(str(error) or "interrupted")
         return next(code for kind, code in EXIT_CODES if isinstance(error, kind))
     except OSError as error:
-        if error.errno in _NOBODY_READS:
+        if error.errno in standard_streams.NOBODY_READS:
             return DONE
+        if error.errno in standard_streams.NO_ROOM:
+            _say(f"the output cannot be written ({error.strerror}): make room there, or send it elsewhere")
+            return BAD_INPUT
         return _internal()
     except Exception:
         return _internal()
@@ -117,7 +132,8 @@ def run(arguments: list[str] | None = None) -> int:
 def _internal() -> int:
     """For an exception that nobody foresaw."""
     _say("something went wrong inside the program; please report what follows")
-    traceback.print_exc()
+    with suppress(OSError):
+        traceback.print_exc()
     return INTERNAL
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from output.ebb.commands import Command
-from output.ebb.control import StopFlag, ignore_signals
+from output.ebb.control import StopFlag, signals_end_here
 from output.ebb.encode import BoardSetup, encode, prologue
 from output.ebb.held import PausableProgram
 from output.ebb.journal import Journal
@@ -46,8 +46,12 @@ def plot_in_parts(
     """
     stop, started, total = StopFlag(), time.monotonic(), Progress()
     settings = motion_settings(job.settings, job.machine)
-    outlook = _Outlook(job, 0 if part is None else part.stroke)
-    with progress_bar(outlook.guesses_s()) as bar, keys(stop) as listening:
+    drawn_before = 0 if part is None else part.stroke
+    outlook = _Outlook(job, drawn_before)
+    with signals_end_here(stop, pauses=True), progress_bar(outlook.guesses_s()) as bar, keys(stop) as listening:
+        bar.drawn_before = drawn_before
+        stop.unattended = not listening
+        bar.without_keys = "" if listening else "Ctrl-C ends the plot in the pause"
         while True:
             _note_part(board, journal, part)
             actions = part_actions(job, part)
@@ -60,7 +64,8 @@ def plot_in_parts(
                 settings.pen.lift_s,
             )
             show = partial(_show, bar, outlook, stop, listening, total)
-            result = board.stream(items, on_progress=show, stop=stop, journal=journal, hold=items.hold)
+            drawn = drawn_before + total.strokes_done
+            result = board.stream(items, on_progress=show, stop=stop, journal=journal, hold=items.hold, drawn_before=drawn)
             total = _together(total, result.progress)
             if result.outcome == "held" and items.place is not None:
                 part = part_after(setup, part, items.place)
@@ -79,11 +84,9 @@ def plot_in_parts(
                     bar.tell("the pen is up: going home")
                 _go_home(board, setup, job, part, stop)
                 part = replace(part, start_mm=(0.0, 0.0))
-    if result.outcome != "done":
-        ignore_signals()  # the pen is up; a late Ctrl-C would only take the message and the exit code away
     if journal is not None:
         journal.end(result.outcome, result.steps)
-    return Ended(result, total, time.monotonic() - started)
+    return Ended(result, total, time.monotonic() - started, drawn_before)
 
 
 def _note_part(board: Board, journal: Journal | None, part: Part | None) -> None:
@@ -157,7 +160,7 @@ def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFl
         yield from prologue(setup, keep_counters=True)
         yield from encode([Travel(way)], setup)
 
-    board.stream(items(), on_progress=lambda _: None, stop=stop)
+    board.stream(items(), on_progress=lambda _: None, stop=stop, drawn_before=part.stroke)
     if stop.pause_reason is not None:  # else the operator has said go meanwhile
         stop.pause(AT_HOME, stop.pause_signal)
 

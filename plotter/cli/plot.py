@@ -25,7 +25,8 @@ from plotter.cli.options import SIM, collect, settings_options
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
-from plotter.cli.streaming import Ended, finish, patience_s
+from plotter.cli.standard_streams import done
+from plotter.cli.streaming import Ended, finish, patience_s, told_how_to_go_on
 from plotter.errors import BadInput
 from plotter.journals import Part, given_up, journal_path
 from plotter.journals import head as journal_head
@@ -93,14 +94,18 @@ def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | Non
     ):
         setup = board_setup(job.settings, job.machine, board.firmware)
         journal = None if head is None else context.enter_context(_begun(head))
-        ended = plot_in_parts(board, job, setup, journal, _first_part(job), pauses=attended)
-    # What was read from standard input is gone, and so is what a full disk did not take.
-    resumable = head is not None and head["file"] != "-" and journal is not None and not journal.trouble
-    finish(ended, f"{job.name} on {board.port_name}, firmware {board.firmware}", resumable=resumable)
-    click.echo(_summary(job, ended))
+
+        def resumable() -> bool:
+            """What was read from standard input is gone, and so is what a full disk did not take."""
+            return head is not None and head["file"] != "-" and journal is not None and not journal.trouble
+
+        with told_how_to_go_on(resumable):
+            ended = plot_in_parts(board, job, setup, journal, _first_part(job), pauses=attended)
+    finish(ended, f"{job.name} on {board.port_name}, firmware {board.firmware}", resumable=resumable())
+    done(_summary(job, ended))
     if ended.total.stalls and board_speed <= 1:
         stalls, stalled_s = ended.total.stalls, ended.total.stalled_s
-        click.echo(f"the board waited {counted(stalls, 'time')} for the computer, {stalled_s:.2f} s in all")
+        done(f"the board waited {counted(stalls, 'time')} for the computer, {stalled_s:.2f} s in all")
 
 
 def _first_part(job: Job) -> Part | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
 
@@ -130,7 +131,8 @@ def read_file(file: str, options: ReadOptions) -> Drawing:
     """The drawing of `file`, `-` being standard input; its warnings go to stderr. Raises BadInput."""
     drawing = read_drawing(Path(file) if file != "-" else source_bytes(file, options)[1], options)
     for warning in drawing.warnings:
-        click.echo(f"warning: {warning}", err=True)
+        with suppress(OSError):  # whoever does not read the warnings is not who wanted the drawing
+            click.echo(f"warning: {warning}", err=True)
     return drawing
 
 

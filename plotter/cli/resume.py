@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import cache, partial
 from pathlib import Path
 
 import click
 import numpy as np
 
+from output.ebb.commands import Command
 from output.ebb.encode import BoardSetup
 from output.ebb.journal import Journal, PlotState
 from output.ebb.ports import choose_port, find_ports, wait_for_board
+from output.ebb.program import Mark
 from output.ebb.resume import Place, find_place, position_lost, ran_out
 from output.ebb.session import Board, connect
 from output.errors import BoardRefused, LinkLost
 from plotter.board_setup import board_setup
 from plotter.cli.awake import awake
 from plotter.cli.parts import plot_in_parts
-from plotter.cli.streaming import FROM_HOME, finish
+from plotter.cli.say import meanwhile
+from plotter.cli.standard_streams import done
+from plotter.cli.streaming import FROM_HOME, finish, told_how_to_go_on
 from plotter.journals import Part, interrupted_plot, journal_path, made_again, part_after, part_program
 from plotter.pipeline import Job
+from plotter.settings import Settings
 from plotter.units import spoken_duration
 
 _STILL_TIMEOUT_S = 10.0
@@ -41,29 +48,32 @@ def resume(port: str | None, homed: bool) -> None:
     plotter resume --homed          when the motors or the board were off in between
     """
     state = interrupted_plot()
-    job = made_again(state)
+    settings = Settings.model_validate(state.head["settings"])
     device = _port(state, port)
-    checksums, pen_pin = job.settings.checksums, job.settings.pen_lift().other_pin
+    checksums, pen_pin = settings.checksums, settings.pen_lift().other_pin
     with awake(), connect(device, clear=False, checksums=checksums, pen_pin=pen_pin) as board:
         board.wait_until_still(_STILL_TIMEOUT_S)
         board.clear()
-        setup = board_setup(job.settings, job.machine, board.firmware)
+        # To read, order and plan a large drawing again takes half a minute: what the board alone can tell comes first.
         lost = None if homed else position_lost(board, state)
-        if lost and _all_drawn(job, setup, state, board):
+        again = cache(partial(_job_again, state))
+        if lost and not _all_drawn(again, state, board):
+            raise BoardRefused(f"{lost}: {_HOME}")
+        job = again()
+        setup = board_setup(job.settings, job.machine, board.firmware)
+        if lost:
             with Journal.reopen(journal_path()) as journal:
                 journal.end("done", None)
-            click.echo(f"resumed {job.name}: all of it had been drawn; the pen is up")
+            done(f"resumed {job.name}: all of it had been drawn; the pen is up")
             return
-        if lost:
-            raise BoardRefused(f"{lost}: {_HOME}")
         place = _place(job, setup, state, board, homed)
         part = part_after(setup, Part.of(state.part), place, homed)
-        with Journal.reopen(journal_path()) as journal:
+        with told_how_to_go_on(lambda: not journal.trouble), Journal.reopen(journal_path()) as journal:
             ended = plot_in_parts(board, job, setup, journal, part)
     finish(ended, f"{job.name} on {board.port_name}")
     took = spoken_duration(ended.took_s)
     where = f"at stroke {part.stroke + 1} of {job.stroke_count}" if part.stroke < job.stroke_count else "after its last stroke"
-    click.echo(f"resumed {job.name} {where} and finished it in {took}")
+    done(f"resumed {job.name} {where} and finished it in {took}")
 
 
 def _port(state: PlotState, wanted: str | None) -> str:
@@ -85,10 +95,32 @@ def _is_there_unlisted(port: str) -> bool:
     return all(board.device != port for board in find_ports())
 
 
-def _all_drawn(job: Job, setup: BoardSetup, state: PlotState, board: Board) -> bool:
-    """Whether no line is left to draw, whatever became of the position: by the journal, or by what the board did on its own."""
-    drawn = len(state.strokes_done) == job.stroke_count
-    return drawn or ran_out(board, state, part_program(job, setup, Part.of(state.part)))
+def _job_again(state: PlotState) -> Job:
+    meanwhile(f"reading {state.head.get('file')} again, and looking for the place where it was left ...")
+    return made_again(state)
+
+
+def _all_drawn(again: Callable[[], Job], state: PlotState, board: Board) -> bool:
+    """Whether no line is left to draw, whatever became of the position: by the journal, or by what the board did on its own.
+
+    The job is made `again` only where it may be so.
+    """
+
+    def program() -> Iterator[Command | Mark]:
+        job = again()
+        yield from part_program(job, board_setup(job.settings, job.machine, board.firmware), Part.of(state.part))
+
+    between_strokes = bool(state.strokes_done) and state.stroke is None
+    return (between_strokes and _is_all(len(state.strokes_done), again())) or ran_out(board, state, program())
+
+
+def _is_all(strokes: int, job: Job) -> bool:
+    """Whether the drawing has no more strokes than that; of a large one it is known long before all of it is in order."""
+    for piece in job.ordering:
+        strokes -= len(piece.strokes)
+        if strokes < 0:
+            return False
+    return strokes == 0
 
 
 def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: bool) -> Place:

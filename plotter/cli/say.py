@@ -22,9 +22,17 @@ AT_HOME = "paused at home"
 
 
 def notes(sentences: Iterable[str]) -> None:
-    """Each sentence once, on stderr."""
+    """Each sentence once, on stderr; where nobody can read it, it is dropped: a plot is not its hostage."""
     for sentence in dict.fromkeys(sentences):
-        click.echo(f"note: {sentence}", err=True)
+        with suppress(OSError):
+            click.echo(f"note: {sentence}", err=True)
+
+
+def meanwhile(sentence: str) -> None:
+    """What is being done while nothing moves, for somebody who waits for it at a terminal."""
+    if sys.stderr.isatty():
+        with suppress(OSError):
+            click.echo(sentence, err=True)
 
 
 def passed_over(message: str) -> str:
@@ -41,6 +49,8 @@ class Bar:
     def __init__(self, guess_s: Sequence[float]) -> None:
         self.expect(guess_s)
         self._paused = ""
+        self.drawn_before = 0  # strokes of the drawing that are none of this run's
+        self.without_keys = ""  # where no key can be pressed, what Ctrl-C does in a pause
         self.progress: Progress | None = None
         if sys.stderr.isatty():
             self.progress = _drawn_bar()
@@ -65,13 +75,16 @@ class Bar:
         try:
             if paused and paused != self._paused and not leaving:
                 home = "" if paused == AT_HOME else "h goes home, "
-                self.tell(f"{paused}: p or the board's button goes on, {home}q or Ctrl-C ends the plot")
+                keys = f"p or the board's button goes on, {home}q or Ctrl-C ends the plot"
+                keyless = f"the board's button goes on, {self.without_keys}"
+                self.tell(f"{paused}: {keyless if self.without_keys else keys}")
             self._paused = paused
             if self.progress is not None:
                 left_s = self.left_s(done)
                 share = done.board_time_s / max(done.board_time_s + left_s, 1e-9)
                 layer = f"{done.layer.name}: " if done.layer is not None else ""
-                text = f"{layer}stroke {min(done.strokes_done + 1, self._strokes)} of {self._strokes}"
+                stroke = self.drawn_before + min(done.strokes_done + 1, self._strokes)
+                text = f"{layer}stroke {stroke} of {self.drawn_before + self._strokes}"
                 left = "paused" if paused else "pausing" if done.message else f"{spoken_duration(left_s)} left"
                 self.progress.update(self._task, description=text, completed=share, left=left)
         except OSError:

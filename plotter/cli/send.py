@@ -19,6 +19,7 @@ from output.wording import counted
 from plotter.cli.awake import awake
 from plotter.cli.options import SIM
 from plotter.cli.say import notes, passed_over
+from plotter.cli.standard_streams import done
 from plotter.cli.streaming import finish, patience_s, streamed
 from plotter.cli.verify import DEFAULT_FIRMWARE, DEFAULT_MACHINE, head_faults
 from plotter.errors import BadInput
@@ -73,7 +74,7 @@ def _send_to(
             items = list(_without_pauses(items))
         ended = streamed(board, (line.item for line in items), [report.duration_s])
     finish(ended, f"{file} on {board.port_name}", resumable=False)
-    click.echo(f"sent {file}: {counted(report.commands, 'command')}, {spoken_duration(report.duration_s)} of board time")
+    done(f"sent {file}: {counted(report.commands, 'command')}, {spoken_duration(report.duration_s)} of board time")
 
 
 def _without_pauses(items: list[Line]) -> Iterator[Line]:

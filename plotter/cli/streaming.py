@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 
-from output.ebb.control import StopFlag, ignore_signals
+from output.ebb.control import StopFlag, signals_end_here
 from output.ebb.program import Program
 from output.ebb.progress import Progress
 from output.ebb.session import Board, StreamResult
+from output.errors import LinkLost, PositionLost
 from output.wording import counted
 from planning.ordering.opening import Pace
 from plotter.cli.keys import keys
@@ -29,20 +32,21 @@ def patience_s(speed: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a plot ended: its last stream's result, progress since the program was started, and how long that took (clock)."""
+    """How a plot ended: its last stream's result, progress since the program was started, how long that took (clock), and how
+    many strokes of the drawing were drawn before."""
 
     result: StreamResult
     total: Progress
     took_s: float
+    drawn_before: int = 0
 
 
 def streamed(board: Board, items: Program, guess_s: list[float]) -> Ended:
     """Stream a program that is sent as it is, with a progress bar and keys; Ctrl-C stops it."""
     stop, started = StopFlag(), time.monotonic()
-    with progress_bar(guess_s) as bar, keys(stop):
+    with signals_end_here(stop), progress_bar(guess_s) as bar, keys(stop) as listening:
+        bar.without_keys = "" if listening else "Ctrl-C ends it"
         result = board.stream(items, on_progress=bar.show, stop=stop)
-    if result.outcome != "done":
-        ignore_signals()  # the pen is up; a late Ctrl-C would only take the message and the exit code away
     return Ended(result, result.progress, time.monotonic() - started)
 
 
@@ -60,10 +64,26 @@ def guesses_s(job: Job) -> list[float]:
     return [seconds for piece in found for seconds in piece.tolist()] + [float(in_file.mean())] * left
 
 
+@contextmanager
+def told_how_to_go_on(resumable: Callable[[], bool]) -> Iterator[None]:
+    """Errors that a plot can be gone on with after say how, where it is `resumable` (asked then)."""
+    try:
+        yield
+    except PositionLost as error:
+        if resumable():
+            error.args = (f"{error}, then `plotter resume --homed`",)
+        raise
+    except LinkLost as error:
+        if resumable():
+            error.args = (f"{error}; once the board can be reached again, `plotter resume` goes on",)
+        raise
+
+
 def finish(ended: Ended, where: str, *, resumable: bool = True) -> None:
     """Raises Paused or Interrupted for a plot that did not come to its end, saying what became of the pen, and, where it is
     `resumable`, how to go on."""
-    result, strokes = ended.result, f"after {counted(ended.total.strokes_done, 'stroke')}"
+    result, drawn = ended.result, ended.drawn_before + ended.total.strokes_done
+    strokes = f"after {counted(drawn, 'stroke')}"
     if result.outcome == "done":
         return
     if result.outcome == "paused":

@@ -147,3 +147,11 @@ def test_without_a_board_every_tool_says_so(monkeypatch: pytest.MonkeyPatch) -> 
         error = CliRunner().invoke(cli, [name, *arguments]).exception
         assert isinstance(error, LinkLost), name
         assert "no EiBotBoard is plugged in" in str(error)
+
+
+def test_a_name_that_is_too_long_is_refused_before_anything_is_asked() -> None:
+    with start_virtual_board() as virtual:
+        refused = call(virtual, "board", "--name", "x" * 20, answer="")
+        assert isinstance(refused.exception, BadCommand)
+        assert "at most 16" in str(refused.exception)
+        assert "Write the nickname" not in refused.output

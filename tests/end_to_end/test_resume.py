@@ -7,8 +7,10 @@ import pty
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -40,6 +42,27 @@ def drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     file = tmp_path / "drawing.svg"
     file.write_text(DRAWING)
     return file
+
+
+class Screen:
+    """Reads what a program shows on its terminal, and goes on reading."""
+
+    def __init__(self, master: int) -> None:
+        self._master = master
+        self._shown = b""
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        with suppress(OSError):  # how a terminal ends whose program has gone
+            while data := os.read(self._master, 4096):
+                self._shown += data
+
+    def all(self) -> bytes:
+        """Everything, once the program has gone. The terminal is closed."""
+        self._reader.join(5.0)
+        os.close(self._master)
+        return self._shown
 
 
 def plotting(drawing: Path, board: VirtualBoard, *flags: str, **streams: Any) -> subprocess.Popen[bytes]:
@@ -134,6 +157,25 @@ def test_after_a_kill_the_board_finished_by_itself_or_its_motors_were_let_go(
         assert run(["align", "--port", board.port]) == 0
         assert run(["resume", "--port", board.port]) == 3
         assert "plotter resume --homed" in capsys.readouterr().err
+
+
+def test_what_the_board_alone_can_refuse_does_not_wait_for_the_drawing(
+    drawing: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The plot was cut off in its first stroke, so that there is no question whether all of it was drawn."""
+    with start_virtual_board() as board:
+        plot_and_kill(drawing, board, 1.3, signal.SIGKILL)
+
+    def read_again(_state: object) -> None:
+        raise AssertionError("the drawing is read")
+
+    monkeypatch.setattr("plotter.cli.resume.made_again", read_again)
+    with start_virtual_board() as board:
+        assert run(["resume", "--port", board.port]) == 3
+        assert "restarted" in capsys.readouterr().err
+        monkeypatch.setattr("plotter.cli.say.sys.stderr.isatty", lambda: True)
+        assert run(["resume", "--port", board.port, "--homed"]) == 1
+        assert f"reading {drawing} again" in capsys.readouterr().err
 
 
 def test_a_plot_from_where_the_pen_was_is_resumed(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -263,6 +305,46 @@ def test_keys_of_a_terminal_pause_and_go_on(drawing: Path) -> None:
         check_whole(board, drawing)
     os.close(master)
     os.close(slave)
+
+
+@pytest.mark.parametrize("keys", [b"", b"q"])
+def test_the_last_message_is_read_however_often_ctrl_c_is_pressed(keys: bytes, drawing: Path) -> None:
+    """Every 10 ms from the first key to the end: also while bar and keys are put away, and between the streams of a plot."""
+    with start_virtual_board() as board:
+        code = "import sys; from plotter.cli.main import main; main(sys.argv[1:])"
+        child, master = pty.fork()
+        if child == 0:
+            os.execve(sys.executable, [sys.executable, "-c", code, "plot", str(drawing), "--port", board.port], os.environ)
+        screen = Screen(master)
+        wait_for_motion(board)
+        time.sleep(1.0)
+        os.write(master, keys)
+        ended, status = os.waitpid(child, os.WNOHANG)
+        while not ended:
+            os.kill(child, signal.SIGINT)  # without the terminal's part in it, which is to forget what is not shown yet
+            time.sleep(0.01)
+            ended, status = os.waitpid(child, os.WNOHANG)
+        shown = screen.all()
+        assert os.waitstatus_to_exitcode(status) == 130
+        assert b"then `plotter resume --homed` to go on with it" in shown, shown[-300:]
+        check_stopped(board)
+        state = load(journal_path())
+        assert state is not None
+        assert state.ended == "stopped"
+
+
+def test_ctrl_c_after_the_last_line_does_not_make_a_failure_of_it(drawing: Path) -> None:
+    drawing.write_text(DRAWING.replace(DRAWING[DRAWING.index("<path") :], '<path d="M5 5h3"/></svg>'))
+    with start_virtual_board() as board:
+        process = plotting(drawing, board)
+        deadline = time.monotonic() + 30
+        while process.poll() is None and time.monotonic() < deadline:
+            state = load(journal_path())
+            if state is not None and state.ended is not None:
+                process.send_signal(signal.SIGINT)
+            time.sleep(0.005)
+        _, errors = process.communicate(timeout=5)
+        assert process.returncode == 0, errors
 
 
 def test_a_closed_terminal_raises_the_pen_and_the_journal_knows(drawing: Path) -> None:

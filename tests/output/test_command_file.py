@@ -73,3 +73,14 @@ def test_a_byte_order_mark_and_a_missing_file(tmp_path: Path) -> None:
     assert [line.item for line in read_command_file(path)[1]] == [EM(1, 1)]
     with pytest.raises(OSError):
         read_command_file(tmp_path / "none")
+
+
+@pytest.mark.parametrize("line", [1, 4, 3000])
+def test_the_line_that_is_no_text_is_named(line: int, tmp_path: Path) -> None:
+    """Files are read many lines at a time; what comes before it is read."""
+    file = tmp_path / "bad.ebb"
+    file.write_bytes(b"SM,10,5,5\r\n" * (line - 1) + b"SM,10,\xff,5\r\nSM,10,5,5\r\n")
+    seen: list[int] = []
+    with pytest.raises(BadCommand, match=rf"^line {line} is not text"):
+        seen.extend(item.number for item in read_command_file(file)[1])
+    assert seen == list(range(1, line))

@@ -8,7 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 import serial
+
+from output.ebb.virtual.process import start_virtual_board
+from output.ebb.virtual.server import make_server
+from output.errors import BadCommand
 
 RUN = [sys.executable, "-c", "from plotter.cli.main import main; main()", "virtual"]
 
@@ -39,3 +44,44 @@ def test_what_it_cannot_be_is_one_sentence(tmp_path: Path) -> None:
         assert words in done.stderr
         assert len(done.stderr.strip().splitlines()) == 1
     assert taken.exists()
+
+
+@pytest.mark.parametrize(
+    ("script", "words"),
+    [
+        ('"a"', 'a list of objects, not "a"'),
+        ("[3]", 'a fault is an object such as {"fault": "button", "at": {"time_s": 2}}, not 3'),
+        ('[{"fault": ["power"], "at": {"byte": 1}}]', "fault ['power'] is not known"),
+        ('[{"fault": "power", "at": {"time_s": "x"}}]', 'fault power: time_s is "x"; give a number from 0 up to 1000000000'),
+        ('[{"fault": "power", "at": {"time_s": NaN}}]', "time_s is NaN; give a number"),
+        ('[{"fault": "drop_ack", "at": {"command": -1}}]', "command is -1; give a whole number from 0 to 1000000000"),
+        ('[{"fault": "drop_ack", "at": {"byte": 1.5}}]', "byte is 1.5; give a whole number"),
+        ('[{"fault": "drop_ack", "at": {"stroke": true}}]', "stroke is true; give a whole number"),
+        ('[{"fault": "drop_ack", "at": {"command": 1}, "times": 0}]', "times is 0; give a whole number from 1"),
+        ('[{"fault": "delay_ack", "at": {"command": 3}, "delay_s": null}]', "delay_s is null; give a number"),
+        ('[{"fault": "slow", "at": {"command": 3}, "factor": 0}]', "factor is 0; give a number above 0"),
+        ('[{"fault": "power", "at": {"command": 3}, "on": "no"}]', 'on is "no"; give true or false'),
+        ('[{"fault": "notice", "at": {"command": 3}, "text": "\\u20ac"}]', "give a string of characters up to"),
+        ('[{"fault": "notice", "at": {"command": 3}, "place": []}]', "place is []; give before, inside or after"),
+    ],
+)
+def test_a_fault_script_of_the_wrong_kind_is_refused_by_name(script: str, words: str, tmp_path: Path) -> None:
+    file = tmp_path / "faults.json"
+    file.write_text(script)
+    with pytest.raises(BadCommand) as refused:
+        make_server(faults=file)
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["x" * 17, "a,b", "a\nb"])
+def test_a_nickname_that_no_board_keeps_is_refused(name: str) -> None:
+    with pytest.raises(BadCommand, match="at most 16"):
+        make_server(nickname=name)
+
+
+def test_a_wrong_fault_by_control_is_answered_and_the_board_goes_on() -> None:
+    with start_virtual_board() as board:
+        for wrong in ('{"fault": "explode"}', '{"fault": "slow", "factor": "x"}', "3"):
+            with pytest.raises(BadCommand, match="fault"):
+                board.control(f"fault {wrong}")
+        assert board.state()["idle"]

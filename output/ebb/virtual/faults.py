@@ -24,6 +24,7 @@ A reply fault that is tied to a time, byte or stroke acts on the first reply aft
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +38,8 @@ REPLY_FAULTS = frozenset({"drop_ack", "delay_ack", "dup_ack", "split"})
 WORLD_FAULTS = frozenset(
     {"garbage", "notice", "nak", "freeze", "slow", "hangup", "hangup_and_return", "reboot", "power", "button"}
 )
+# More than any plot has of seconds, commands or bytes.
+_MOST = 1_000_000_000
 _PLACES = ("before", "inside", "after")
 _PARAMETERS = {
     "drop_ack": set[str](),
@@ -93,14 +96,16 @@ class FaultScript:
     later: list[tuple[int, str, Any]] = field(default_factory=list)
 
     @classmethod
-    def parse(cls, script: list[dict[str, Any]], speed: float) -> FaultScript:
-        """A script as described above. Raises BadCommand naming what is wrong with it."""
+    def parse(cls, script: object, speed: float) -> FaultScript:
+        """A script as described above, as JSON gave it. Raises BadCommand naming what is wrong with it."""
+        if not isinstance(script, list):
+            raise BadCommand(f"a fault script is a list of objects, not {_shown(script)}: see docs/virtual-board.md")
         return cls([_fault(entry) for entry in script], speed)
 
-    def add(self, entry: dict[str, Any], board: Board) -> None:
+    def add(self, entry: object, board: Board) -> None:
         """One more fault; without "at" it happens now."""
         now = {"time_s": board.now / TICKS_PER_S}
-        self.faults.append(_fault({"at": now, **entry}))
+        self.faults.append(_fault({"at": now, **entry} if isinstance(entry, dict) else entry))
 
     # ---- when
 
@@ -252,10 +257,48 @@ class FaultScript:
             board.switch_supply(value)
 
 
-def _fault(entry: dict[str, Any]) -> Fault:
+def _shown(value: object) -> str:
+    """As it stands in the script, cut short."""
+    text = json.dumps(value, default=repr)
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def _whole(value: object, least: int) -> str | None:
+    """What a whole number must be that `value` is not; None when it is one."""
+    fits = isinstance(value, int) and not isinstance(value, bool) and least <= value <= _MOST
+    return None if fits else f"a whole number from {least} to {_MOST}"
+
+
+def _number(value: object, above: bool = False) -> str | None:
+    """What a number must be that `value` is not; with `above` it is not 0 either."""
+    fits = isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= _MOST and (value > 0 or not above)
+    return None if fits else f"a number {'above' if above else 'from'} 0{' and' if above else ''} up to {_MOST}"
+
+
+def _amiss(name: str, value: object) -> str | None:
+    """What parameter or moment `name` must be that `value` is not; None when it may be so."""
+    if name in ("command", "byte", "stroke", "after"):
+        return _whole(value, 0)
+    if name == "times":
+        return _whole(value, 1)
+    if name == "factor":
+        return _number(value, above=True)
+    if name in ("on", "hangup"):
+        return None if isinstance(value, bool) else "true or false"
+    if name == "place":
+        return None if value in _PLACES else "before, inside or after"
+    if name in ("data", "text", "pty"):
+        fits = isinstance(value, str) and (name == "pty" or all(letter <= "\xff" for letter in value))
+        return None if fits else "a string" if name == "pty" else "a string of characters up to \\u00ff"
+    return _number(value)  # a duration or a time
+
+
+def _fault(entry: object) -> Fault:
     """One entry of a script, checked."""
+    if not isinstance(entry, dict):
+        raise BadCommand(f'a fault is an object such as {{"fault": "button", "at": {{"time_s": 2}}}}, not {_shown(entry)}')
     name = entry.get("fault")
-    if name not in _PARAMETERS:
+    if not isinstance(name, str) or name not in _PARAMETERS:
         raise BadCommand(f"fault {name!r} is not known; choose one of {', '.join(_PARAMETERS)}")
     at = entry.get("at", {})
     if not isinstance(at, dict) or len(at) != 1 or not set(at) <= {"command", "byte", "time_s", "stroke"}:
@@ -265,8 +308,9 @@ def _fault(entry: dict[str, Any]) -> Fault:
     if unknown:
         known = ", ".join(sorted(_PARAMETERS[name])) or "nothing"
         raise BadCommand(f"fault {name}: {sorted(unknown)[0]!r} is not known; it takes {known}")
-    if parameters.get("place", "before") not in _PLACES:
-        raise BadCommand(f"fault {name}: place is {parameters['place']!r}; choose before, inside or after")
+    for key, value in {**at, **parameters, "times": entry.get("times", 1)}.items():
+        if (wanted := _amiss(key, value)) is not None:
+            raise BadCommand(f"fault {name}: {key} is {_shown(value)}; give {wanted}")
     time_s = at.get("time_s")
     return Fault(
         name=name,

@@ -329,6 +329,8 @@ class Server:
                 return {"error": f"unknown control command {verb!r}"}
             if verb not in ("state", "record", "stop"):
                 board.recorder.note(board.now, " ".join(words))
+        except BadCommand as problem:
+            return {"error": f"control command {' '.join(words)!r}: {problem}"}
         except (ValueError, KeyError, IndexError) as problem:
             return {"error": f"control command {' '.join(words)!r}: {problem!r}"}
         port = None if self.wire is None else self.wire.port
@@ -354,12 +356,16 @@ def make_server(
         raise BadCommand(f"speed is {speed:g}; choose more than 0 and at most 1000")
     if record is not None and not record.parent.is_dir():
         raise BadCommand(f"the record cannot be written to {record}: {record.parent} is not a directory; make it first")
-    script: list[dict[str, Any]] = []
+    script: object = []
     if faults is not None:
         try:
             script = json.loads(faults.read_text())
         except (OSError, ValueError) as problem:
             raise BadCommand(f"fault script {faults} cannot be read: {problem}") from problem
+    if len(nickname) > 16 or not all(" " <= letter <= "~" and letter != "," for letter in nickname):
+        raise BadCommand(
+            f"nickname is {nickname!r}: a board keeps at most 16 letters, digits, spaces or signs, and no comma: choose another"
+        )
     recorder = Recorder(keep_wire=keep_wire)
     board = Board(firmware, nickname=nickname, pen_down=pen_down, version_line=version_line, recorder=recorder)
     try:
