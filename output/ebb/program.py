@@ -62,6 +62,9 @@ class Slowed:
 Mark = LayerMark | ApproachMark | DipMark | StrokeMark | StrokeEnd | PauseMark | Slowed
 Program = Iterable[Command | Mark]
 
+# Four of the board's 32 variables (SL, QL) hold the job's token, and one whether the motors' supply has failed since; the first
+# ones are left to other programs.
+TOKEN_SLOT, SUPPLY_SLOT = 24, 28
 
 # What changes how the board answers, or empties its queue, beginnings of the wire form.
 _NOT_IN_A_STREAM = ("R,", "RB,", "BL,", "CU,10,", "CU,54,", "CU,1,", "SN,", "ES,")

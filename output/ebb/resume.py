@@ -68,6 +68,8 @@ def position_lost(board: Board, state: PlotState) -> str | None:
         return "the board was switched off, restarted, let go of its motors or given another job since"
     if board.motors_off():
         return "the motors were switched off since, so that the carriage can have been moved"
+    if board.supply_failed():
+        return "the motors' power failed since, so that the machine is not where the board counts it"
     return None
 
 

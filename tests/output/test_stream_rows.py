@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -400,6 +401,61 @@ def test_motors_that_were_let_go_since_are_noticed(tmp_path: Path) -> None:
     assert "motors were switched off" in str(position_lost(board, state))
     board.begin_job()
     assert "another job" in str(position_lost(board, state))
+
+
+def test_a_supply_that_failed_since_is_noticed_and_not_forgotten(tmp_path: Path) -> None:
+    """The board's own flag goes down when it is read; whoever reads it first must not be the last to know."""
+    memory = MemoryBoard()
+    board = connect(memory, clock=memory.clock)
+    with Journal.begin(tmp_path / "j", {}) as journal:
+        journal.part({"token": board.begin_job()})
+        memory.on_receive = lambda m: setattr(m, "gone", m.clock() > 0.6)
+        with pytest.raises(LinkLost):
+            board.stream(list(plot()), on_progress=lambda _: None, stop=StopFlag())
+    state = load(tmp_path / "j")
+    assert state is not None
+    memory.on_receive = None
+    memory.replugged()
+    memory.host_stalls(3)
+    assert position_lost(connect(memory, clock=memory.clock, clear=False), state) is None
+    memory.fault(fault="power", at={"time_s": memory.clock() + 1}, on=False, for_s=0.05)
+    memory.host_stalls(3)
+    assert not connect(memory, clock=memory.clock, clear=False).is_moving()
+    for _ in range(2):
+        again = connect(memory, clock=memory.clock, clear=False)
+        assert "power failed" in str(position_lost(again, state))
+    token = again.begin_job()  # at home again
+    assert position_lost(again, replace(state, part={"token": token})) is None
+
+
+def test_a_plot_that_a_dip_has_ended_asks_for_home(tmp_path: Path) -> None:
+    memory = MemoryBoard(faults=[{"fault": "power", "at": {"time_s": 1.0}, "on": False, "for_s": 0.05}])
+    board = connect(memory, clock=memory.clock)
+    with Journal.begin(tmp_path / "j", {}) as journal:
+        journal.part({"token": board.begin_job()})
+        with pytest.raises(BoardRefused, match="power was lost during the plot"):
+            board.stream(list(plot()), on_progress=lambda _: None, stop=StopFlag(), journal=journal)
+    state = load(tmp_path / "j")
+    assert state is not None
+    assert "power failed" in str(position_lost(connect(memory, clock=memory.clock, clear=False), state))
+
+
+def test_a_dip_between_a_pause_and_the_next_part_is_noticed() -> None:
+    memory, stop = MemoryBoard(), StopFlag()
+    board = connect(memory, clock=memory.clock)
+
+    def leave(progress: Progress) -> None:
+        if progress.state is State.PAUSED:
+            stop.leave()
+
+    stop.pause("paused")
+    assert board.stream(list(plot()), on_progress=leave, stop=stop).outcome == "left"
+    stop.go()
+    memory.fault(fault="power", at={"time_s": memory.clock() + 0.01}, on=False, for_s=0.05)
+    memory.host_stalls(0.1)
+    board.begin_job()
+    with pytest.raises(BoardRefused, match="power was lost"):
+        board.stream(list(plot()), on_progress=lambda _: None, stop=stop)
 
 
 def test_a_journal_tells_when_its_plot_began(tmp_path: Path) -> None:
