@@ -403,6 +403,23 @@ def test_motors_that_were_let_go_since_are_noticed(tmp_path: Path) -> None:
     assert "another job" in str(position_lost(board, state))
 
 
+@pytest.mark.parametrize("version", ["2.7.0", "2.8.1", "3.0.3"])
+def test_a_stop_by_the_operator_asks_for_home(version: str, tmp_path: Path) -> None:
+    """The motors have let go, which firmware before 2.8.0 cannot be asked."""
+    memory, stop = MemoryBoard(version), StopFlag()
+    board = connect(memory, clock=memory.clock)
+    with Journal.begin(tmp_path / "j", {}) as journal:
+        journal.part({"token": board.begin_job()})
+        memory.on_receive = lambda m: stop.stop("stopped by key") if m.clock() > 1.0 and not stop.requested else None
+        result = board.stream(list(plot()), on_progress=lambda _: None, stop=stop, journal=journal)
+        journal.end(result.outcome, result.steps)
+    state = load(tmp_path / "j")
+    assert state is not None
+    assert result.outcome == "stopped"
+    assert memory.record()["motors_on"] == [False, False]
+    assert "motors were" in str(position_lost(board, state))
+
+
 def test_a_supply_that_failed_since_is_noticed_and_not_forgotten(tmp_path: Path) -> None:
     """The board's own flag goes down when it is read; whoever reads it first must not be the last to know."""
     memory = MemoryBoard()
