@@ -23,7 +23,7 @@ from output.ebb.handshake import greet
 from output.ebb.link import ChecksummedPort, Port, SerialPort
 from output.ebb.poll import POWER_LOST_BIT
 from output.ebb.program import SUPPLY_SLOT, TOKEN_SLOT, Program
-from output.ebb.progress import Progress, Recorder
+from output.ebb.progress import Progress, Recorder, State
 from output.ebb.protocol import Syntax
 from output.ebb.safe_stop import StopReport, safe_stop
 from output.ebb.stream import Hold, StopRequested, Streamer
@@ -40,6 +40,19 @@ _LEAST_SUPPLY_COUNTS = 150
 
 def _token_question(slot: int | None) -> str:
     return "QL" if slot is None else f"QL,{slot}"
+
+
+def _sleeping(on_progress: Callable[[Progress], None], stop: StopFlag) -> Callable[[Progress], None]:
+    """`on_progress`, and in a pause the sleep that Ctrl-Z has asked for: the board stands, and this program owes it nothing."""
+
+    def seen(progress: Progress) -> None:
+        try:
+            on_progress(progress)
+        finally:
+            if progress.state is State.PAUSED and stop.suspend_asked and not stop.leave_asked:
+                stop.suspend()
+
+    return seen
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,7 +301,7 @@ class Board:
 
         On every other way out than "done" the motion is stopped and the pen raised first; a stop by the operator also lets go
         of the motors unless `free_motors` is False. In the main thread, SIGINT, SIGTERM and SIGHUP set `stop` meanwhile; with
-        `hold` the first SIGINT only pauses.
+        `hold` the first SIGINT only pauses, and SIGTSTP puts this program to sleep in a pause.
         Raises what the program raised, BoardRefused, BadCommand or LinkLost, with the safe stop's report in `last_stop`.
         """
         with signals_stop(stop, pauses=hold is not None), stop.waking(self._talk.port.wake):
@@ -304,7 +317,7 @@ class Board:
                     self.abilities,
                     depth,
                     program,
-                    on_progress=on_progress,
+                    on_progress=_sleeping(on_progress, stop),
                     stop=stop,
                     journal=journal,
                     hold=hold,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import random
+import signal
 import subprocess
 import sys
 import threading
@@ -381,6 +383,30 @@ def test_an_error_of_the_safe_stops_own_kind_is_no_way_round_it(error: type[Base
     except (KeyboardInterrupt, LinkLost) as caught:
         assert isinstance(caught, error)
     check_at_rest(memory)
+
+
+@pytest.mark.parametrize("on_the_way", [True, False])
+def test_ctrl_z_sleeps_before_a_stroke_or_at_the_end(on_the_way: bool) -> None:
+    """A program that cannot stop on its path: as a command file, or the travel of a tool, which has no place to pause."""
+    memory, stop, slept = MemoryBoard(), StopFlag(), []
+    board = connect(memory, clock=memory.clock)
+    items = [item for item in plot(strokes=6) if on_the_way or isinstance(item, Command)]
+
+    def press(m: MemoryBoard) -> None:
+        if m.clock() > 0.7 and not stop.suspend_asked and not slept:
+            os.kill(os.getpid(), signal.SIGTSTP)
+
+    def sleep() -> None:
+        check_at_rest(memory)
+        slept.append(len(memory.record()["ink"]))
+        stop.go()
+
+    stop.suspends = sleep
+    memory.on_receive = press
+    assert board.stream(items, on_progress=lambda _: None, stop=stop).outcome == "done"
+    assert len(slept) == 1
+    assert slept[0] in (range(2, 6) if on_the_way else [6])
+    check_plan_is_inked(memory.record()["ink"], items)
 
 
 # the journal's word against the board's
