@@ -250,7 +250,7 @@ class Streamer:
 
     def _send(self, command: Command) -> None:
         wire = command.wire()
-        if (refusal := refused_in_a_stream(command)) is not None:
+        if (refusal := refused_in_a_stream(command, self._abilities.variables)) is not None:
             raise BadCommand(refusal)
         for extra in self._before_send(command):
             self._talk.send(extra)
