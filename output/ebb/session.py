@@ -33,6 +33,7 @@ from output.wording import counted
 # CU,4 answers only when nothing moves any more: at once after a stop, later after another program's move.
 _IDLE_TIMEOUT_S = 30.0
 _ASK_EVERY_S = 0.02
+_LONGEST_QUEUE = 255
 # The supply's divider and the 10-bit converter (the unit of CU,60), and what no motor supply is below.
 _SUPPLY_V_PER_COUNT = 0.0295
 _LEAST_SUPPLY_COUNTS = 150
@@ -185,10 +186,20 @@ class Board:
         if self._depth is None:
             self._depth = 1
             if self.abilities.deep_queue:
-                longest = int(self.query("QU,2").split(",")[-1])
+                longest = self._queue_length("QU,2", _LONGEST_QUEUE)
                 self._talk.ask(f"CU,4,{longest}", _IDLE_TIMEOUT_S if self.is_moving() else REPLY_TIMEOUT_S)
-                self._depth = int(self.query("QU,3").split(",")[-1])
+                self._depth = self._queue_length("QU,3", longest)
         return self._depth
+
+    def _queue_length(self, question: str, most: int) -> int:
+        """A length that may be set and counted by: with CU,4,0 the board would take no motion any more."""
+        length = int(self.query(question).split(",")[-1])
+        if not 1 <= length <= most:
+            raise LinkLost(
+                f"{self.port_name}: {length} is no length of the motion queue (1 to {most}), so that the board's answers are "
+                "damaged on their way: check the USB cable"
+            )
+        return length
 
     # the job token: is this still the board, and the power session, that the plot was begun with?
 

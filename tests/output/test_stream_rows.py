@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -507,6 +508,58 @@ def test_a_journal_tells_when_its_plot_began(tmp_path: Path) -> None:
     state = load(tmp_path / "j")
     assert state is not None
     assert state.began_s == pytest.approx(time.time(), abs=60)
+
+
+# one byte of noise in what the board says
+
+
+class NoisyBoard(MemoryBoard):
+    """`noise`: which digit from the board, counted from the plot's beginning, arrives as another byte."""
+
+    noise: tuple[int, bytes] | None = None
+    digits = 0
+
+    def receive(self, timeout_s: float) -> bytes:
+        data = super().receive(timeout_s)
+        for at, byte in enumerate(data):
+            if chr(byte).isdigit():
+                if self.noise is not None and self.digits == self.noise[0]:
+                    data = data[:at] + self.noise[1] + data[at + 1 :]
+                self.digits += 1
+        return data
+
+
+@pytest.mark.parametrize("version", ["3.0.3", "3.0.0", "2.8.1"])
+def test_one_wrong_digit_in_any_answer_is_an_error_or_nothing(version: str) -> None:
+    """Never an exception of another kind, and never one that keeps the pen down."""
+    rng, ended = random.Random(14), 0
+    for _ in range(60):
+        memory = NoisyBoard(version)
+        board = connect(memory, clock=memory.clock)
+        memory.digits, memory.noise = 0, (rng.randrange(400), rng.choice([b"A", b"A", b"9", b"-"]))
+        with suppress(LinkLost, BoardRefused):
+            board.stream(list(plot()), on_progress=lambda _: None, stop=StopFlag())
+            ended += 1
+        memory.host_stalls(2.0)
+        check_at_rest(memory)
+    assert 0 < ended < 60
+
+
+@pytest.mark.parametrize(("question", "answer"), [("QU,2", "0"), ("QU,2", "932"), ("QU,3", "0"), ("QU,3", "92")])
+def test_a_queue_of_no_length_is_not_set(question: str, answer: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    memory = MemoryBoard()
+    board = connect(memory, clock=memory.clock)
+    real = board.query
+    monkeypatch.setattr(board, "query", lambda asked, *_: answer if asked == question else real(asked))
+    with pytest.raises(LinkLost, match="damaged"):
+        board.stream(list(plot()), on_progress=lambda _: None, stop=StopFlag())
+    assert b"CU,4,0\r" not in [data for _, data in memory.written]
+
+
+def test_more_waiting_than_there_are_places_is_a_damaged_answer() -> None:
+    model = QueueModel(32, counts=True)
+    with pytest.raises(LinkLost, match="83 commands wait in a queue of 32"):
+        model.on_polled(waiting=83, fifo_empty=False, executing=True, now=0.0)
 
 
 # clocks
