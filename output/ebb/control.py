@@ -52,9 +52,9 @@ class StopFlag:
         self._wake()
 
     def go(self) -> None:
-        """Go on after a pause."""
+        """Go on after a pause, or without one that has not begun yet: what was to be done in it is forgotten with it."""
         self.pause_reason = self.pause_signal = None
-        self.suspend_asked = False
+        self.leave_asked = self.home_asked = self.suspend_asked = False
         self._wake()
 
     def leave(self) -> None:
