@@ -52,10 +52,15 @@ class StopFlag:
         self._wake()
 
     def go(self) -> None:
-        """Go on after a pause, or without one that has not begun yet: what was to be done in it is forgotten with it."""
+        """Go on after a pause."""
         self.pause_reason = self.pause_signal = None
-        self.leave_asked = self.home_asked = self.suspend_asked = False
+        self.suspend_asked = False
         self._wake()
+
+    def never_mind(self) -> None:
+        """Go on, perhaps before the pause has begun, and forget what was to be done in it: to leave it, to go home."""
+        self.leave_asked = self.home_asked = False
+        self.go()
 
     def leave(self) -> None:
         """End the stream at the pause instead of waiting in it, pen up and motors on."""

@@ -153,7 +153,7 @@ def press(key: str, stop: StopFlag) -> None:
         if stop.pause_reason is None:
             stop.pause("paused by key")
         else:
-            stop.go()
+            stop.never_mind()
     elif key == "h":
         if stop.pause_reason is None:
             stop.pause("paused by key")
