@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from math import sqrt
 
-from output.ebb.arithmetic import TICK_S
+from output.ebb.arithmetic import TICK_S, NeverEnds, State, StepRateRefused, execute
 from output.ebb.commands import HM, L3, LM, LT, S2, SM, SP, T3, TD, TP, TR, XM, Command
 
 _FULL = 2.0**31
-_LONGEST_S = 100.0  # firmware 3 cuts a delay at 100 s; a low-level move that takes longer is paced as if it took this
+_NEVER_S = 100.0  # a low-level move that never ends is paced as if it took this
 
 
 def board_time_s(command: Command) -> float:
@@ -28,29 +28,41 @@ def board_time_s(command: Command) -> float:
             return (command.duration_ms or 0) / 1000 + TICK_S if command.queued else 0.0
         case S2():
             return (command.delay_ms or 0) / 1000 if command.queued else 0.0
-        case LM():
-            return max(
-                _axis_s(command.rate1, command.steps1, command.accel1), _axis_s(command.rate2, command.steps2, command.accel2)
-            )
-        case L3():
-            return max(
-                _axis_s(command.rate1, command.steps1, command.accel1), _axis_s(command.rate2, command.steps2, command.accel2)
-            )
+        case LM() | L3():
+            return _low_level_s(command)
         case TR():
             return max(abs(command.steps1), abs(command.steps2 or 0)) / command.steps_per_s
         case HM():
-            return 0.0  # it depends on where the pen is; the queue is empty before and after it
+            return 0.0  # it depends on where the pen is (`way_s`); the queue is empty before and after it
         case _:
             return TICK_S if command.queued else 0.0
 
 
-def _axis_s(rate: int, steps: int, accel: int) -> float:
-    """Least t > 0 with |R t + A t^2 / 2| = |steps| 2^31; an axis that never gets there does not decide."""
+def _low_level_s(command: LM | L3) -> float:
+    """Both axes have taken their steps; where a jerk or a turn is in the way of the formula, by the firmware's arithmetic."""
+    axes = ((command.rate1, command.steps1, command.accel1), (command.rate2, command.steps2, command.accel2))
+    ends_s = [_axis_s(*axis) for axis in axes]
+    if not isinstance(command, L3) and None not in ends_s:
+        return max(end_s or 0.0 for end_s in ends_s)
+    try:
+        return execute(command, State()).ticks * TICK_S
+    except (NeverEnds, StepRateRefused):
+        return _NEVER_S
+
+
+def _axis_s(rate: int, steps: int, accel: int) -> float | None:
+    """Least t > 0 with |R t + A t^2 / 2| = |steps| 2^31; None for an axis that turns before it gets there."""
     distance = abs(steps) * _FULL
     if not steps or not (rate or accel):
         return 0.0
     rate, accel = abs(rate), accel if rate >= 0 else -accel
     discriminant = rate * rate + 2.0 * accel * distance
     if discriminant < 0 or rate + sqrt(discriminant) <= 0:
-        return _LONGEST_S
-    return min(2.0 * distance / (rate + sqrt(discriminant)) * TICK_S, _LONGEST_S)
+        return None
+    return 2.0 * distance / (rate + sqrt(discriminant)) * TICK_S
+
+
+def way_s(command: HM, steps: tuple[int, int]) -> float:
+    """At most so long an HM takes from where the counters are `steps`: old firmware goes there in two lines."""
+    away = abs(steps[0] - (command.position1 or 0)) + abs(steps[1] - (command.position2 or 0))
+    return away / command.steps_per_s

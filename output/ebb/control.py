@@ -1,4 +1,4 @@
-"""What an operator can ask of a running plot: stop, pause, go on. Asking only sets a flag and wakes the loop that streams.
+"""What an operator can ask of a running plot: stop, pause, sleep, go on. Asking sets a flag and wakes the loop that streams.
 
 Python's own answer to Ctrl-C, an exception out of whatever happens to be running, would lose the reply of the command in flight
 and shift every later one, so that the pen could not even be raised. Signals therefore end here.
@@ -7,6 +7,7 @@ and shift every later one, so that the pen could not even be raised. Signals the
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -30,6 +31,9 @@ class StopFlag:
         self.leave_asked = False
         self.home_asked = False
         self.unattended = False
+        # Ctrl-Z: to be done in the pause. Whoever holds the terminal says how (keys.py); without one it is nobody's to ask.
+        self.suspend_asked = False
+        self.suspends: Callable[[], None] | None = None
         self._wakers: tuple[Callable[[], None], ...] = ()
 
     @property
@@ -52,7 +56,13 @@ class StopFlag:
     def go(self) -> None:
         """Go on after a pause."""
         self.pause_reason = self.pause_signal = None
+        self.suspend_asked = False
         self._wake()
+
+    def never_mind(self) -> None:
+        """Go on, perhaps before the pause has begun, and forget what was to be done in it: to leave it, to go home."""
+        self.leave_asked = self.home_asked = False
+        self.go()
 
     def leave(self) -> None:
         """End the stream at the pause instead of waiting in it, pen up and motors on."""
@@ -63,6 +73,18 @@ class StopFlag:
         """Leave the pause for the home position; whoever streams sees to the way there."""
         self.home_asked = True
         self.leave()
+
+    def suspend_in_pause(self) -> None:
+        """Ctrl-Z: hold the plot as `pause` does, and put this program to sleep there."""
+        self.suspend_asked = True
+        if self.pause_reason is None:
+            self.pause("paused by Ctrl-Z")
+        self._wake()
+
+    def suspend(self) -> None:
+        """Sleep, now that the pen is up; returns when the shell has this program go on."""
+        self.suspend_asked = False
+        (self.suspends or suspend_process)()
 
     @contextlib.contextmanager
     def waking(self, wake: Callable[[], None]) -> Iterator[None]:
@@ -83,7 +105,9 @@ def signals_stop(flag: StopFlag, *, pauses: bool = False) -> Iterator[None]:
     """SIGINT, SIGTERM and SIGHUP ask `flag` to stop instead of ending the program; the old handlers come back afterwards.
 
     With `pauses`, SIGINT pauses first and stops when it comes again; in a pause that came otherwise it stops, or, where the
-    flag is `unattended`, has the pause end the plot.
+    flag is `unattended`, has the pause end the plot. SIGTSTP (Ctrl-Z) has the program sleep with the pen up, in the next pause,
+    where somebody can press a key to end that; else it is a first SIGINT with `pauses`, and without waits for the end of the
+    context.
 
     Only the main thread may set handlers; elsewhere this does nothing, and whoever runs the thread owns the signals.
     """
@@ -91,8 +115,12 @@ def signals_stop(flag: StopFlag, *, pauses: bool = False) -> Iterator[None]:
         yield
         return
 
+    stop_from_terminal = getattr(signal, "SIGTSTP", None)
+
     def handler(number: int, _frame: object) -> None:
-        if pauses and number == signal.SIGINT and flag.pause_reason is None and flag.reason is None:
+        if number == stop_from_terminal:
+            _ctrl_z(flag, number, pauses=pauses)
+        elif pauses and number == signal.SIGINT and flag.pause_reason is None and flag.reason is None:
             flag.pause("paused by Ctrl-C", number)
         elif pauses and number == signal.SIGINT and flag.reason is None and flag.unattended and flag.pause_signal is None:
             flag.pause(flag.pause_reason or "", number)
@@ -104,12 +132,38 @@ def signals_stop(flag: StopFlag, *, pauses: bool = False) -> Iterator[None]:
         number = getattr(signal, name, None)
         if number is not None:
             before[number] = signal.signal(number, handler)
+    # A shell without job control has it ignored: nothing could wake us.
+    if stop_from_terminal is not None and signal.getsignal(stop_from_terminal) is not signal.SIG_IGN:
+        before[stop_from_terminal] = signal.signal(stop_from_terminal, handler)
     try:
         yield
     finally:
         for number, old in before.items():
             if signal.getsignal(number) is handler:  # else `ignore_signals` has said that the program is ending
                 signal.signal(number, signal.SIG_DFL if old is None else old)
+    if flag.suspend_asked and not pauses and not flag.requested:
+        flag.suspend()
+
+
+def _ctrl_z(flag: StopFlag, number: int, *, pauses: bool) -> None:
+    if flag.suspends is not None:
+        flag.suspend_in_pause()
+    elif not pauses:
+        flag.suspend_asked = True
+    elif flag.pause_reason is None:
+        flag.pause(f"paused by {signal.Signals(number).name}", number)
+
+
+def suspend_process() -> None:
+    """Stops this process as a terminal's Ctrl-Z does; returns when it is continued."""
+    if threading.current_thread() is not threading.main_thread():
+        os.kill(os.getpid(), signal.SIGSTOP)
+        return
+    before = signal.signal(signal.SIGTSTP, signal.SIG_DFL)
+    try:
+        signal.raise_signal(signal.SIGTSTP)
+    finally:
+        signal.signal(signal.SIGTSTP, signal.SIG_DFL if before is None else before)
 
 
 def ignore_signals() -> None:

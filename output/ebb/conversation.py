@@ -47,6 +47,8 @@ class Conversation:
         self.clock = clock
         self.protocol = protocol or Protocol()
         self._due: deque[_Due] = deque()
+        # Every bit that QG has said, whoever asked: reading it clears the button's and the power's on the board.
+        self.status_bits = 0
         self.waited_s = 0.0
         self._waited_until = clock()
 
@@ -78,6 +80,8 @@ class Conversation:
         for event in events:
             if isinstance(event, Reply | Refusal):
                 self._settle(event.number)
+            if isinstance(event, Reply) and event.name == "QG":
+                self.status_bits |= int(event.data, 16)
         return events
 
     def wait(self, timeout_s: float) -> bytes:

@@ -20,6 +20,8 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
+from output.errors import LinkLost
+
 # How far a modelled idle moment may lie before an acknowledgement without being called a stall: the jitter of one poll.
 STALL_TOLERANCE_S = 0.003
 # Switching motors on or a servo without a wait takes a tick: nothing moves that could stutter after it.
@@ -106,8 +108,13 @@ class QueueModel:
     def on_polled(self, *, waiting: int | None, fifo_empty: bool, executing: bool, now: float) -> None:
         """The board's own count, as of the poll: all entries sent before it had been parsed by then.
 
-        `waiting` is None where the firmware only tells empty from not empty.
+        `waiting` is None where the firmware only tells empty from not empty. Raises LinkLost for a number that cannot be.
         """
+        if waiting is not None and waiting > self.depth:
+            raise LinkLost(
+                f"the board says that {waiting} commands wait in a queue of {self.depth}, so that its answers are damaged on "
+                "their way: check the USB cable"
+            )
         since, at_poll = self._entries_since_poll, self._entries_at_poll
         counted = waiting is not None or fifo_empty
         if waiting is None:

@@ -63,18 +63,19 @@ class Journal:
         """A new journal in place of whatever is at `path`; `head` is JSON-able. Raises OSError when it cannot be made."""
         path.parent.mkdir(parents=True, exist_ok=True)
         fresh = path.with_name(path.name + ".new")
-        descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
-        journal = cls(path, descriptor)
-        journal._write({"kind": "head", "format": FORMAT, "began_s": int(time.time()), **head})
-        os.fsync(descriptor)
-        fresh.replace(path)
+        with fresh.open("wb") as file:
+            file.write(_line({"kind": "head", "format": FORMAT, "began_s": int(time.time()), **head}))
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(path)  # closed by now: Windows moves no file that is open
+        journal = cls(path, _opened(path))
+        journal._dirty = True  # its new name is on no disk yet
         return journal
 
     @classmethod
     def reopen(cls, path: Path) -> Journal:
         """Goes on with an existing journal, after a resume. Raises OSError."""
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND)
-        journal = cls(path, descriptor)
+        journal = cls(path, _opened(path))
         journal._append(b"\n")  # whatever line was being written when it broke off ends here
         return journal
 
@@ -134,8 +135,7 @@ class Journal:
     # writing
 
     def _write(self, record: Mapping[str, Any]) -> None:
-        body = json.dumps(record, separators=(",", ":"), ensure_ascii=True).encode("ascii")
-        self._append(b"%08x %08x %s\n" % (len(body), zlib.crc32(body), body))
+        self._append(_line(record))
 
     def _append(self, data: bytes) -> None:
         if self.trouble is not None or self._closing.is_set():
@@ -162,6 +162,16 @@ class Journal:
                     os.fsync(self._descriptor)
                 except OSError as error:
                     self._give_up(error)
+
+
+def _opened(path: Path) -> int:
+    """To append to, byte for byte: Windows would make two bytes of a line's end."""
+    return os.open(path, os.O_WRONLY | os.O_APPEND | getattr(os, "O_BINARY", 0))
+
+
+def _line(record: Mapping[str, Any]) -> bytes:
+    body = json.dumps(record, separators=(",", ":"), ensure_ascii=True).encode("ascii")
+    return b"%08x %08x %s\n" % (len(body), zlib.crc32(body), body)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import os
 import select
 import selectors
@@ -70,7 +71,7 @@ class SerialPort:
         except BaseException:
             self._lock.release()
             raise
-        self._fd: int | None = self._serial.fileno() if hasattr(self._serial, "fileno") else None
+        self._fd = _descriptor(self._serial)
         self._closed = False
         if self._fd is not None:
             self._wake_read, self._wake_write = os.pipe()
@@ -153,6 +154,14 @@ class SerialPort:
 
     def _lost(self, error: BaseException) -> LinkLost:
         return LinkLost(f"the link to {self.name} is lost ({_reason(error)}): check the USB cable and the board's power")
+
+
+def _descriptor(port: Any) -> int | None:
+    """By which the port can be waited for; None where it has none (Windows, whose class inherits a `fileno` that raises)."""
+    try:
+        return int(port.fileno())
+    except (AttributeError, io.UnsupportedOperation):
+        return None
 
 
 def _writable(fd: int, timeout_s: float) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from output.ebb.commands import Command
+from output.ebb.commands import CU, QB, QG, SL, Command
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +62,32 @@ class Slowed:
 Mark = LayerMark | ApproachMark | DipMark | StrokeMark | StrokeEnd | PauseMark | Slowed
 Program = Iterable[Command | Mark]
 
+# Four of the board's 32 variables (SL, QL) hold the job's token, and one whether the motors' supply has failed since; the first
+# ones are left to other programs.
+TOKEN_SLOT, SUPPLY_SLOT = 24, 28
 
 # What changes how the board answers, or empties its queue, beginnings of the wire form.
 _NOT_IN_A_STREAM = ("R,", "RB,", "BL,", "CU,10,", "CU,54,", "CU,1,", "SN,", "ES,")
 
 
-def refused_in_a_stream(command: Command) -> str | None:
-    """Why a program must not hold this command; None when it may."""
+def refused_in_a_stream(command: Command, variables: int = 32) -> str | None:
+    """Why a program must not hold this command; None when it may. `variables` is how many SL has on the board (1 or 32)."""
     if f"{command.wire()},".startswith(_NOT_IN_A_STREAM):
         return f"{command.wire()} cannot be part of a stream, because it changes how the board answers: remove it"
+    if (reason := what_it_takes_from_a_stream(command, variables)) is not None:
+        return f"{command.wire()} cannot be part of a stream, because it {reason}: remove it"
+    return None
+
+
+def what_it_takes_from_a_stream(command: Command, variables: int = 32) -> str | None:
+    """What a program would take from whoever streams it by this command, said after "it"; None when nothing."""
+    match command:
+        case CU(number=4):
+            return "changes the depth of the motion queue, which a stream sets to the longest and counts by"
+        case CU(number=60):
+            return "changes from which voltage on the motors' supply counts as lost, which a stream watches"
+        case QG() | QB():
+            return "reads the button away, or the flag of lost power, for which a stream waits"
+        case SL(index=index) if variables == 1 or (index or 0) in range(TOKEN_SLOT, SUPPLY_SLOT + 1):
+            return "writes where a stream keeps the mark by which it knows a board that has restarted"
     return None

@@ -49,13 +49,15 @@ _DATA = {
     "QP": re.compile(r"[01]"),
     "QR": re.compile(r"[01]"),
     "QB": re.compile(r"[01]"),
-    "QL": re.compile(r"\d{1,3}"),
+    "QL": re.compile(r"[01]?\d{1,2}|2[0-4]\d|25[0-5]"),
     "QN": re.compile(r"\d{1,10}"),
     "QC": re.compile(r"\d{1,4},\d{1,4}"),
     "QT": re.compile(r"[ -~]{0,16}"),
-    "QU": re.compile(r"[0-9A-Fa-f]{1,10}(,[0-9A-Fa-f]{1,10}){0,2}"),
+    "QU": re.compile(r"\d{1,10}(,\d{1,10}){0,2}"),
     "ES": re.compile(r"[01](,-?\d{1,10}){0,4}"),
 }
+# Pins and stack addresses, which are hexadecimal; 3.0.0 and 3.0.1 repeat the parameter.
+_DATA |= {f"QU,{n}": re.compile(rf"({n},)?[0-9A-Fa-f]{{1,8}}") for n in (1, 4, 5)}
 _ANY_DATA = re.compile(r"[ -~]*")
 _ERROR = re.compile(r"!\d{1,2} Err: ")
 _SHORT_ERROR = re.compile(r"!\d{1,2} Err\b")
@@ -114,6 +116,7 @@ class _Pending:
     number: int
     name: str
     form: Form
+    may_be: re.Pattern[str]
     data: str | None = None
 
 
@@ -151,7 +154,8 @@ class Protocol:
         self._count += 1
         form = _FORMS.get(name, Form.OK)
         if form is not Form.NONE:
-            self._pending.append(_Pending(number, name, form))
+            may_be = _DATA.get(wire.upper(), _DATA.get(name, _ANY_DATA))
+            self._pending.append(_Pending(number, name, form, may_be))
         return number, wire.encode("ascii") + b"\r"
 
     def resync(self, token: int) -> bytes:
@@ -225,7 +229,7 @@ class Protocol:
             rest = text[len(head.name) :].lstrip(",")
             if _ERROR.match(rest):
                 return self._refusal(head, rest)
-            if text[len(head.name)] == "," and _DATA.get(head.name, _ANY_DATA).fullmatch(text[len(head.name) + 1 :]):
+            if text[len(head.name)] == "," and head.may_be.fullmatch(text[len(head.name) + 1 :]):
                 return self._answered(text[len(head.name) + 1 :]) if head.name in _FORMS else self._stray(text)
         if _NAMED_ERROR.match(text):
             return self._refusal(None, text[text.index("!") :])
@@ -245,7 +249,7 @@ class Protocol:
         if head.form is Form.OK or head.data is not None:
             return Notice(text) if _BANNER.match(text) else self._stray(text)
         data = text.removeprefix(f"{head.name},") if head.name not in ("V", "QT") else text
-        if not _DATA.get(head.name, _ANY_DATA).fullmatch(data):
+        if not head.may_be.fullmatch(data):
             return self._stray(text)
         if head.form is Form.LINE:
             return self._answered(data)

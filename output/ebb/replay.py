@@ -26,10 +26,20 @@ from output.ebb.arithmetic import (
     ticks_of_wait,
 )
 from output.ebb.command_file import Line
-from output.ebb.commands import CS, CU, EM, ES, LT, RB, S2, SC, SM, SP, T3, TD, TP, XM, Command, MotionCommand, R
+from output.ebb.commands import CS, CU, EM, ES, LT, QB, QG, RB, S2, SC, SL, SM, SP, T3, TD, TP, XM, Command, MotionCommand, R
 from output.ebb.commands_pins import BL
 from output.ebb.firmware import Firmware
-from output.ebb.program import DipMark, LayerMark, Mark, PauseMark, Slowed, StrokeEnd, StrokeMark, refused_in_a_stream
+from output.ebb.program import (
+    DipMark,
+    LayerMark,
+    Mark,
+    PauseMark,
+    Slowed,
+    StrokeEnd,
+    StrokeMark,
+    refused_in_a_stream,
+    what_it_takes_from_a_stream,
+)
 
 Ints = NDArray[np.int64]
 
@@ -308,6 +318,11 @@ class Replay:
                 self._set_pen(False)
             case CU(number=10 | 54, value=1):
                 self.warnings.append(f"{command.wire()} changes how the board answers, which whoever sends this may not expect")
+            case CU() | QG() | QB() | SL():
+                takes = what_it_takes_from_a_stream(command, 32 if self.firmware.version >= (3, 0, 0) else 1)
+                warning = f"{command.wire()} {takes}: `plotter send` refuses it"
+                if takes is not None and warning not in self.warnings:
+                    self.warnings.append(warning)
 
     def _enable(self, command: EM) -> None:
         """EM clears counters and accumulators and may change the step size."""

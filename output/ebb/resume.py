@@ -68,6 +68,10 @@ def position_lost(board: Board, state: PlotState) -> str | None:
         return "the board was switched off, restarted, let go of its motors or given another job since"
     if board.motors_off():
         return "the motors were switched off since, so that the carriage can have been moved"
+    if state.ended == "stopped":  # firmware before 2.8.0 cannot say that its motors are off
+        return "the motors were let go when the plot was stopped, so that the carriage can have been moved"
+    if board.supply_failed():
+        return "the motors' power failed since, so that the machine is not where the board counts it"
     return None
 
 

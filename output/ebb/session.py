@@ -11,6 +11,7 @@ from __future__ import annotations
 import secrets
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
 
@@ -21,7 +22,8 @@ from output.ebb.conversation import REPLY_TIMEOUT_S, Clock, Conversation
 from output.ebb.handshake import greet
 from output.ebb.link import ChecksummedPort, Port, SerialPort
 from output.ebb.nickname import wrong_nickname
-from output.ebb.program import Program
+from output.ebb.poll import POWER_LOST_BIT
+from output.ebb.program import SUPPLY_SLOT, TOKEN_SLOT, Program
 from output.ebb.progress import Progress, Recorder, State
 from output.ebb.protocol import Syntax
 from output.ebb.safe_stop import StopReport, safe_stop
@@ -32,8 +34,7 @@ from output.wording import counted
 # CU,4 answers only when nothing moves any more: at once after a stop, later after another program's move.
 _IDLE_TIMEOUT_S = 30.0
 _ASK_EVERY_S = 0.02
-# Four of the board's 32 variables hold the job's token; the first ones are left to other programs.
-_TOKEN_SLOT = 24
+_LONGEST_QUEUE = 255
 # The supply's divider and the 10-bit converter (the unit of CU,60), and what no motor supply is below.
 _SUPPLY_V_PER_COUNT = 0.0295
 _LEAST_SUPPLY_COUNTS = 150
@@ -41,6 +42,19 @@ _LEAST_SUPPLY_COUNTS = 150
 
 def _token_question(slot: int | None) -> str:
     return "QL" if slot is None else f"QL,{slot}"
+
+
+def _sleeping(on_progress: Callable[[Progress], None], stop: StopFlag) -> Callable[[Progress], None]:
+    """`on_progress`, and in a pause the sleep that Ctrl-Z has asked for: the board stands, and this program owes it nothing."""
+
+    def seen(progress: Progress) -> None:
+        try:
+            on_progress(progress)
+        finally:
+            if progress.state is State.PAUSED and stop.suspend_asked and not stop.leave_asked:
+                stop.suspend()
+
+    return seen
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +122,7 @@ class Board:
         self._pen_pin = pen_pin
         self._depth: int | None = None
         self._job_token: int | None = None
+        self._goes_on = False  # the next stream begins where the last one has left the pen
         self.last_stop: StopReport | None = None
 
     @property
@@ -159,7 +174,7 @@ class Board:
     def is_moving(self) -> bool:
         """Whether anything executes or waits on the board."""
         if self.abilities.status_query == "QG":
-            return bool(int(self.query("QG"), 16) & 0x09)
+            return bool(self._status() & 0x09)
         return "1" in self.query("QM").split(",")
 
     def clear(self) -> None:
@@ -172,19 +187,32 @@ class Board:
         if self._depth is None:
             self._depth = 1
             if self.abilities.deep_queue:
-                longest = int(self.query("QU,2").split(",")[-1])
+                longest = self._queue_length("QU,2", _LONGEST_QUEUE)
                 self._talk.ask(f"CU,4,{longest}", _IDLE_TIMEOUT_S if self.is_moving() else REPLY_TIMEOUT_S)
-                self._depth = int(self.query("QU,3").split(",")[-1])
+                self._depth = self._queue_length("QU,3", longest)
         return self._depth
+
+    def _queue_length(self, question: str, most: int) -> int:
+        """A length that may be set and counted by: with CU,4,0 the board would take no motion any more."""
+        length = int(self.query(question).split(",")[-1])
+        if not 1 <= length <= most:
+            raise LinkLost(
+                f"{self.port_name}: {length} is no length of the motion queue (1 to {most}), so that the board's answers are "
+                "damaged on their way: check the USB cable"
+            )
+        return length
 
     # the job token: is this still the board, and the power session, that the plot was begun with?
 
     def begin_job(self, token: int | None = None) -> int:
         """Writes a job's token into the board's RAM, where only a restart clears it; returns it.
 
-        32 bits on firmware 3, the lowest 8 of them before. No byte of it is 0, which is what a restarted board holds.
+        32 bits on firmware 3, the lowest 8 of them before. No byte of it is 0, which is what a restarted board holds. From here
+        on the board's counters are taken for the pen's place: what the motors' supply did before does not matter.
         """
         self._job_token = token or int.from_bytes(bytes(secrets.randbelow(255) + 1 for _ in range(4)), "little")
+        if self.abilities.power_flag:
+            self._talk.ask(f"SL,0,{SUPPLY_SLOT}")
         for slot, byte in self._token_slots(self._job_token):
             self._talk.ask(f"SL,{byte}" if slot is None else f"SL,{byte},{slot}")
         return self._job_token
@@ -200,7 +228,7 @@ class Board:
     def _token_slots(self, token: int) -> list[tuple[int | None, int]]:
         if self.abilities.variables == 1:
             return [(None, token & 0xFF)]
-        return [(_TOKEN_SLOT + i, byte) for i, byte in enumerate(token.to_bytes(4, "little"))]
+        return [(TOKEN_SLOT + i, byte) for i, byte in enumerate(token.to_bytes(4, "little"))]
 
     # the nickname
 
@@ -232,6 +260,11 @@ class Board:
 
         USB alone keeps the logic alive: moves would be acknowledged, counted, and not made.
         """
+        if self._goes_on and self.supply_failed():
+            raise PositionLost(
+                "the motors' power was lost during the plot, so that the machine is not where the board counts it",
+                "check the power supply",
+            )
         counts = int(self.query("QC").split(",")[1])
         if counts < _LEAST_SUPPLY_COUNTS:
             raise BoardRefused(
@@ -241,6 +274,26 @@ class Board:
         if self.abilities.power_flag:
             self._talk.ask(f"CU,60,{max(_LEAST_SUPPLY_COUNTS, counts * 6 // 10)}")
             self.query("QG")  # clears the flag that the new threshold may have set
+            self._talk.status_bits &= ~POWER_LOST_BIT
+
+    def supply_failed(self) -> bool:
+        """Whether the motors' supply has dipped since `begin_job`, as far as `watch_supply` had it watched (firmware 3)."""
+        if not self.abilities.power_flag:
+            return False
+        self._status()
+        return int(self.query(_token_question(SUPPLY_SLOT))) != 0
+
+    def _status(self) -> int:
+        """QG's byte."""
+        bits = int(self.query("QG"), 16)
+        self._note_supply()
+        return bits
+
+    def _note_supply(self) -> None:
+        """Has the board remember that its flag of lost power was up: read, it is down, and the next program must know of it."""
+        if self.abilities.power_flag and self._talk.status_bits & POWER_LOST_BIT:
+            self._talk.ask(f"SL,1,{SUPPLY_SLOT}")
+            self._talk.status_bits &= ~POWER_LOST_BIT
 
     # whole programs
 
@@ -259,8 +312,8 @@ class Board:
 
         On every other way out than "done" the motion is stopped and the pen raised first; a stop by the operator also lets go
         of the motors unless `free_motors` is False. In the main thread, SIGINT, SIGTERM and SIGHUP set `stop` meanwhile; with
-        `hold` the first SIGINT only pauses. `drawn_before` strokes were drawn by earlier programs of the same plot: an error
-        counts them.
+        `hold` the first SIGINT only pauses, and SIGTSTP puts this program to sleep in a pause. `drawn_before` strokes were
+        drawn by earlier programs of the same plot: an error counts them.
         Raises what the program raised, BoardRefused, BadCommand or LinkLost, with the safe stop's report in `last_stop`.
         """
         with signals_stop(stop, pauses=hold is not None), stop.waking(self._talk.port.wake):
@@ -276,7 +329,7 @@ class Board:
                     self.abilities,
                     depth,
                     program,
-                    on_progress=on_progress,
+                    on_progress=_sleeping(on_progress, stop),
                     stop=stop,
                     journal=journal,
                     hold=hold,
@@ -286,14 +339,19 @@ class Board:
                 )
                 progress = streamer.run()
                 outcome = "left" if streamer.left else "held" if streamer.held else "done"
+                self._goes_on = self._goes_on or outcome != "done"
                 return StreamResult(outcome, progress.message, progress, self.steps())
             except StopRequested:
+                self._goes_on = False
                 report = self.safe_stop(free_motors=free_motors)
                 progress = streamer.progress if streamer is not None else Progress()
                 steps = self.steps() if report.pen_up else None
                 return StreamResult("stopped", stop.reason or "", progress, steps, report, stop.signal_number)
             except BaseException as error:
+                self._goes_on = False
                 report = self.safe_stop()
+                with suppress(LinkLost, BoardRefused):
+                    self._note_supply()
                 progress = streamer.progress if streamer is not None else Progress()
                 if isinstance(error, LinkLost):
                     raise self._told_better(error, report, progress, drawn_before) from error

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from output.ebb.abilities import Abilities
-from output.ebb.board_time import board_time_s
-from output.ebb.commands import S2, SP, TP, Command, MotionCommand
+from output.ebb.board_time import board_time_s, way_s
+from output.ebb.commands import HM, S2, SP, TP, Command, MotionCommand
 from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, complaint, suspended_s
 from output.ebb.flow import QueueModel
@@ -73,6 +73,7 @@ class _Sent:
     queued: int
     index: int
     seconds: float
+    command: Command
 
 
 def _may_lower(command: Command) -> bool:
@@ -139,6 +140,7 @@ class Streamer:
         self._last_motion = 0  # number of the last queued command that moves the motors
         self._oldest_since_s = 0.0
         self._oldest = 0
+        self._oldest_lasts_s = 0.0
 
     # the loop
 
@@ -261,14 +263,14 @@ class Streamer:
 
     def _send(self, command: Command) -> None:
         wire = command.wire()
-        if (refusal := refused_in_a_stream(command)) is not None:
+        if (refusal := refused_in_a_stream(command, self._abilities.variables)) is not None:
             raise BadCommand(refusal)
         for extra in self._before_send(command):
             self._talk.send(extra)
         if self._journal is not None:
             self._journal.sent(self.progress.commands_sent + 1)
         number = self._talk.send(wire)
-        sent = _Sent(0, self.progress.commands_sent, board_time_s(command))
+        sent = _Sent(0, self.progress.commands_sent, board_time_s(command), command)
         self._low_lift.note(command)
         self._lowering = self._lowering or (self._approached and _may_lower(command))
         if command.queued:
@@ -286,7 +288,7 @@ class Streamer:
 
     def _send_beside(self, command: Command) -> None:
         """A queued command that is none of the program's: the queue is told of it, the count of the program's is not."""
-        sent = _Sent(0, self.progress.commands_sent - 1, board_time_s(command))
+        sent = _Sent(0, self.progress.commands_sent - 1, board_time_s(command), command)
         self._in_flight[self._talk.send(command.wire())] = sent
         self._enqueued(command, sent)
 
@@ -355,15 +357,18 @@ class Streamer:
 
     def _watch_for_stuck(self) -> None:
         oldest, waited_s = self.model.completed + 1, self._talk.waited_s
-        if self.model.is_empty or oldest != self._oldest:
-            self._oldest, self._oldest_since_s = oldest, waited_s
+        if self.model.is_empty or oldest != self._oldest or not self._unexecuted:
+            self._oldest, self._oldest_since_s, self._oldest_lasts_s = oldest, waited_s, 0.0
             return
-        seconds = self._unexecuted[0].seconds / self._speed if self._unexecuted else 0.0
+        entry = self._unexecuted[0]
+        if isinstance(entry.command, HM) and self.progress.steps is not None:  # the farthest it has been seen from its end
+            self._oldest_lasts_s = max(self._oldest_lasts_s, way_s(entry.command, self.progress.steps))
+        seconds = max(entry.seconds, self._oldest_lasts_s) / self._speed
         busy_s = waited_s - self._oldest_since_s
         if busy_s > seconds * 1.5 + _STUCK_MARGIN_S:
             raise BoardRefused(
-                f"the board is busy with command {self._unexecuted[0].index + 1} for {busy_s:.1f} s, which should take "
-                f"{seconds:.1f} s: it is stuck; power it off and on"
+                f"the board is busy with command {entry.index + 1} for {busy_s:.1f} s, which should take {seconds:.1f} s: "
+                "it is stuck; power it off and on"
             )
 
     def _count_executed(self) -> None:

@@ -259,13 +259,18 @@ def _let_go(port: str | None, settings: Settings) -> None:
 def position_mm(one: Board, settings: Settings) -> np.ndarray:
     """Where the carriage is, in machine millimetres from home (2,), by the board's own count.
 
-    Raises BoardRefused when the motors were let go away from home: the count says nothing then.
+    Raises BoardRefused when the motors were let go, or their supply has failed, away from home: the count says nothing then.
     """
     steps = one.steps()
     if steps != (0, 0) and one.motors_off():
         raise BoardRefused(
             f"the motors were switched off at {steps[0]}, {steps[1]} steps from home, so that the position is not known: "
             "run `plotter align` and push the carriage to its home corner"
+        )
+    if steps != (0, 0) and one.supply_failed():
+        raise BoardRefused(
+            f"the motors' power failed at {steps[0]}, {steps[1]} steps from home, so that the position is not known: run "
+            "`plotter align` and push the carriage to its home corner"
         )
     return np.asarray(settings.machine_profile().kinematics().millimetres(np.array([steps]))[0])
 

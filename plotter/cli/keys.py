@@ -1,21 +1,63 @@
-"""Keys while a plot runs: `p` pauses and goes on, `h` goes home and waits, `q` stops. Only when stdin is a terminal."""
+"""Keys while a plot runs: `p` pauses and goes on, `h` goes home and waits, `q` stops. Only when stdin is a terminal.
+
+The terminal is shared with a shell: Ctrl-Z lends it back, `bg` and `&` leave the program without it, `fg` brings it. Its mode
+is touched, and it is read, only while this program is in its foreground; anything else would stop the program in mid-plot.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import select
+import signal
 import sys
 import threading
 from collections.abc import Iterator
+from typing import Any
 
-from output.ebb.control import StopFlag
+from output.ebb.control import StopFlag, suspend_process
 
 try:
     import termios
     import tty
 except ImportError:  # Windows: Ctrl-C and the board's button remain
     termios = None  # type: ignore[assignment]
+
+# How often it is looked whether the shell has given the terminal back: `fg` after `bg` sends nothing.
+_LOOK_EVERY_S = 0.2
+_WAYS_ON = "p or the board's button goes on, q or Ctrl-C ends the plot"
+
+
+class _Terminal:
+    """stdin's terminal: in single-key mode while we have it. `turn` is held by whoever changes that."""
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor = descriptor
+        self.turn = threading.Lock()
+        self._shells_mode: list[Any] | None = None
+
+    def in_front(self) -> bool:
+        """Whether keys are ours and not the shell's or another program's."""
+        try:
+            return os.tcgetpgrp(self.descriptor) == os.getpgrp()
+        except OSError:  # not our session's terminal, or a closed one: nobody to share it with
+            return True
+
+    def take(self) -> bool:
+        """Single keys, no echo, Ctrl-C and Ctrl-Z stay signals; False where it is not ours to take. Raises termios.error."""
+        if not self.in_front():
+            self._shells_mode = None
+        elif self._shells_mode is None:
+            self._shells_mode = termios.tcgetattr(self.descriptor)
+            # What was typed while the drawing was prepared counts.
+            tty.setcbreak(self.descriptor, termios.TCSADRAIN)
+        return self._shells_mode is not None
+
+    def give_back(self) -> None:
+        if self._shells_mode is not None and self.in_front():
+            with contextlib.suppress(termios.error):  # a terminal that was closed has no mode any more
+                termios.tcsetattr(self.descriptor, termios.TCSADRAIN, self._shells_mode)
+        self._shells_mode = None
 
 
 @contextlib.contextmanager
@@ -24,34 +66,81 @@ def keys(stop: StopFlag) -> Iterator[bool]:
     if termios is None or not sys.stdin.isatty():
         yield False
         return
-    descriptor = sys.stdin.fileno()
-    before = termios.tcgetattr(descriptor)
+    terminal = _Terminal(sys.stdin.fileno())
     read_end, write_end = os.pipe()
-    listener = threading.Thread(target=_listen, args=(descriptor, read_end, stop), daemon=True, name="keys")
+    listener = threading.Thread(target=_listen, args=(terminal, read_end, stop), daemon=True, name="keys")
     try:
-        # Single keys, no echo; Ctrl-C stays a signal. What was typed while the drawing was prepared counts.
-        tty.setcbreak(descriptor, termios.TCSADRAIN)
-        listener.start()
-        yield True
+        with _background_allowed():
+            terminal.take()
+            stop.suspends = lambda: _suspend(terminal, stop)
+            listener.start()
+            yield True
     finally:
+        stop.suspends = None
         os.write(write_end, b"x")
         if listener.is_alive():
             listener.join(1.0)
-        with contextlib.suppress(termios.error):  # a terminal that was closed has no mode any more
-            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        with terminal.turn:
+            terminal.give_back()
         os.close(read_end)
         os.close(write_end)
 
 
-def _listen(descriptor: int, end: int, stop: StopFlag) -> None:
+@contextlib.contextmanager
+def _background_allowed() -> Iterator[None]:
+    """A plot in the background may reach for the terminal a moment after it was lent: it must not be stopped for that."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGTTIN, signal.SIGTTOU)}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, signal.SIG_DFL if old is None else old)
+
+
+def _suspend(terminal: _Terminal, stop: StopFlag) -> None:
+    """Ctrl-Z, in the pause: the shell gets its terminal until it says `fg`."""
+    _say("suspended with the pen up: `fg` comes back to the plot, still paused")
+    with terminal.turn:
+        terminal.give_back()
+        suspend_process()
+        front = terminal.take()
+    _say(_still(stop) if front else "still paused, in the background: `fg` for the keys; the board's button goes on as well")
+
+
+def _still(stop: StopFlag) -> str:
+    return "the keys work again" if stop.pause_reason is None else f"still paused: {_WAYS_ON}"
+
+
+def _say(sentence: str) -> None:
+    with contextlib.suppress(OSError, ValueError):  # a closed terminal, or stream
+        print(sentence, file=sys.stderr, flush=True)
+
+
+def _listen(terminal: _Terminal, end: int, stop: StopFlag) -> None:
+    was_in_front = terminal.in_front()
     while True:
-        ready, _, _ = select.select([descriptor, end], [], [])
+        try:
+            with terminal.turn:
+                in_front = terminal.take()
+        except termios.error:  # it was closed
+            return
+        if in_front and not was_in_front:
+            _say(_still(stop))
+        was_in_front = in_front
+        ready, _, _ = select.select([terminal.descriptor, end] if in_front else [end], [], [], _LOOK_EVERY_S)
         if end in ready:
             return
+        if terminal.descriptor not in ready or not terminal.in_front():
+            continue
         try:
-            pressed = os.read(descriptor, 16)
+            pressed = os.read(terminal.descriptor, 16)
         except OSError:
-            return
+            if terminal.in_front():
+                return
+            continue
         if not pressed:
             return
         for key in pressed.lower():
@@ -64,7 +153,7 @@ def press(key: str, stop: StopFlag) -> None:
         if stop.pause_reason is None:
             stop.pause("paused by key")
         else:
-            stop.go()
+            stop.never_mind()
     elif key == "h":
         if stop.pause_reason is None:
             stop.pause("paused by key")

@@ -26,7 +26,7 @@ from output.ebb.journal import Journal
 from output.ebb.program import Mark, PauseMark
 from output.ebb.progress import Progress, State
 from output.ebb.session import Board
-from planning.motion.plan import Action, OperatorPause, Travel
+from planning.motion.plan import Action, Draw, Lower, OperatorPause, Travel
 from planning.motion.travel import travel
 from plotter.board_setup import HOME_MM
 from plotter.cli.keys import keys
@@ -46,6 +46,7 @@ def plot_in_parts(
     """
     stop, started, total = StopFlag(), time.monotonic(), Progress()
     settings = motion_settings(job.settings, job.machine)
+    left_at = ""  # the message of the pause that was left last
     drawn_before = 0 if part is None else part.stroke
     outlook = _Outlook(job, drawn_before)
     with signals_end_here(stop, pauses=True), progress_bar(outlook.guesses_s()) as bar, keys(stop) as listening:
@@ -54,7 +55,7 @@ def plot_in_parts(
         bar.without_keys = "" if listening else "Ctrl-C ends the plot in the pause"
         while True:
             _note_part(board, journal, part)
-            actions = part_actions(job, part)
+            actions = _without_pause(part_actions(job, part), left_at)
             items = PausableProgram(
                 _beginning(setup, part, stop),
                 actions if pauses else _without_pauses(actions),
@@ -68,11 +69,12 @@ def plot_in_parts(
             result = board.stream(items, on_progress=show, stop=stop, journal=journal, hold=items.hold, drawn_before=drawn)
             total = _together(total, result.progress)
             if result.outcome == "held" and items.place is not None:
-                part = part_after(setup, part, items.place)
+                part, left_at = part_after(setup, part, items.place), ""
                 if layers_left(job.ordering, part)[1] > part.stroke:  # it came to rest on the stroke's very end
                     total = replace(total, strokes_done=total.strokes_done + 1)
             elif result.outcome == "left" and result.steps is not None:
                 part = _part_left(job, setup, part, result.progress.strokes_done, result.steps)
+                left_at = left_at if result.reason == AT_HOME else result.reason
             else:
                 break
             if _ends_here(stop, listening):
@@ -163,6 +165,17 @@ def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFl
     board.stream(items(), on_progress=lambda _: None, stop=stop, drawn_before=part.stroke)
     if stop.pause_reason is not None:  # else the operator has said go meanwhile
         stop.pause(AT_HOME, stop.pause_signal)
+
+
+def _without_pause(actions: Iterator[Action], message: str) -> Iterator[Action]:
+    """A pause of the drawing's own that has been left, for home, is not begun again by the part that follows."""
+    drawn = not message
+    for action in actions:
+        if not drawn and isinstance(action, OperatorPause) and action.message == message:
+            drawn = True
+            continue
+        drawn = drawn or isinstance(action, Lower | Draw)
+        yield action
 
 
 def _without_pauses(actions: Iterator[Action]) -> Iterator[Action]:

@@ -51,6 +51,7 @@ _AT_WELL_MM = 0.02
 @reading_options
 def plot(file: str, port: str | None, speed: float, record: Path | None, picture: Path | None, **options: Any) -> None:
     """Plot FILE.svg (- reads standard input). Ctrl-C pauses with the pen up; once more, it stops.
+    Ctrl-Z pauses and suspends; `fg` comes back to the pause.
 
     \b
     plotter plot drawing.svg --port /dev/ttyACM0

@@ -61,7 +61,8 @@ def _send_to(
     machine = load_machine(header.get("machine", DEFAULT_MACHINE))
     with awake(), connect(port, board_speed=board_speed) as board:
         reach = (0.0, 0.0, machine.width_mm, machine.height_mm)
-        faults = [fault for line in items if isinstance(line.item, Command) and (fault := refused_in_a_stream(line.item))]
+        commands, variables = (line.item for line in items if isinstance(line.item, Command)), board.abilities.variables
+        faults = [fault for command in commands if (fault := refused_in_a_stream(command, variables))]
         report = verify(
             items, firmware(board.firmware), machine.kinematics(), travel_mm=reach, keep_strokes=False, problems=faults
         )

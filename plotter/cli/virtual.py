@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import click
 
 from output.ebb.virtual.firmware import FIRMWARES
-from output.ebb.virtual.server import make_server
+from plotter.errors import BadInput
 
 
 @click.command("virtual")
@@ -47,6 +48,10 @@ def virtual(
       plotter virtual --pty ./ebb
       plotter virtual --firmware 2.8.1 --speed 10 --record drawn.json
     """
+    if os.name != "posix":
+        raise BadInput("the virtual board needs pseudo-terminals, which this system has not: use Linux or macOS")
+    from output.ebb.virtual.server import make_server
+
     server = make_server(
         firmware=firmware,
         link=link,

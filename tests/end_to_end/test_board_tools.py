@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -107,6 +108,21 @@ def test_a_position_that_was_lost_is_not_used() -> None:
             assert "plotter align" in str(error)
         done(call(virtual, "align"))
         done(call(virtual, "move", "1mm", "1mm"))
+
+
+def test_a_position_whose_motors_had_no_power_for_a_while_is_not_used() -> None:
+    with start_virtual_board() as virtual:
+        done(call(virtual, "move", "10mm", "5mm"))
+        virtual.control("power off")
+        time.sleep(0.1)
+        virtual.control("power on")
+        for _ in range(2):
+            result = call(virtual, "home")
+            assert isinstance(result.exception, BoardRefused)
+            assert "power failed" in str(result.exception)
+            assert "plotter align" in str(result.exception)
+        done(call(virtual, "align"))
+        assert "at 5.00, " in done(call(virtual, "move", "5mm", "0mm"))
 
 
 def test_without_motor_power_nothing_pretends_to_move() -> None:

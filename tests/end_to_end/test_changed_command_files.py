@@ -7,7 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from output.ebb.commands import SL
+from output.ebb.control import StopFlag
+from output.ebb.program import refused_in_a_stream
+from output.ebb.session import connect
+from output.errors import BadCommand
 from plotter.cli.main import run
+from tests.output.board_in_memory import MemoryBoard
 
 DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape" width="60mm"
  height="40mm" viewBox="0 0 60 40" stroke="black" fill="none"><g inkscape:groupmode="layer" inkscape:label="1 a"><path
@@ -70,6 +76,50 @@ def test_what_another_program_might_send_is_warned_of_and_never_streamed(
     assert f"{command} ends whatever moves" in capsys.readouterr().out
     assert run(["send", str(file), "--port", "sim", "--speed", "50"]) == 2
     assert f"{command} cannot be part of a stream" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "reason"),
+    [
+        ("CU,4,1", "changes the depth of the motion queue"),
+        ("CU,60,0", "changes from which voltage"),
+        ("QG", "reads the button away"),
+        ("QB", "reads the button away"),
+        ("SL,0,24", "writes where a stream keeps the mark"),
+        ("SL,0,28", "writes where a stream keeps the mark"),
+    ],
+)
+def test_what_would_break_the_streams_own_books_is_refused(
+    command: str, reason: str, exported: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "changed.ebb"
+    file.write_text("\n".join(recounted([*exported[:-1], command, command, exported[-1]])) + "\n")
+    assert run(["verify", str(file)]) == 0
+    out = capsys.readouterr().out
+    assert out.count(f"warning: {command} {reason}") == 1
+    assert "`plotter send` refuses it" in out
+    assert run(["send", str(file), "--port", "sim", "--speed", "50"]) == 2
+    err = capsys.readouterr().err
+    assert f"{command} cannot be part of a stream, because it {reason}" in err
+
+
+def test_the_variables_and_options_that_a_stream_does_not_use_are_the_files(
+    exported: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "changed.ebb"
+    added = ["SL,7,3", "SL,5", "QL,3", "CU,2,1", "CU,3,1", "CU,53,0", "QC", "QS"]
+    file.write_text("\n".join(recounted([*exported[:-1], *added, exported[-1]])) + "\n")
+    assert run(["send", str(file), "--port", "sim", "--speed", "50"]) == 0
+    assert "sent" in capsys.readouterr().out
+
+
+def test_firmware_2_has_one_variable_and_a_stream_needs_it() -> None:
+    assert refused_in_a_stream(SL(5)) is None
+    assert "knows a board that has restarted" in str(refused_in_a_stream(SL(5), 1))
+    memory = MemoryBoard("2.8.1")
+    board = connect(memory, clock=memory.clock)
+    with pytest.raises(BadCommand, match="SL,5 cannot be part"):
+        board.stream([SL(5)], on_progress=lambda _: None, stop=StopFlag())
 
 
 def test_what_was_not_changed_is_sent_and_its_pause_passed_over(

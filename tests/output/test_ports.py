@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pty
 import select
@@ -13,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import serial
@@ -314,6 +316,71 @@ def test_waiting_ends_when_woken(terminal: tuple[int, str]) -> None:
 
 
 # who answers
+
+
+# Windows, as far as it can be had here
+
+
+class WindowsSerial(io.RawIOBase):
+    """As pyserial's there: `fileno` is what its base class has, which raises. The port answers what was written to it."""
+
+    timeout: float | None = None
+
+    def __init__(self) -> None:
+        self.written = b""
+
+    def write(self, data: Any) -> int:
+        self.written += data
+        return len(data)
+
+    @property
+    def in_waiting(self) -> int:
+        return len(self.written)
+
+    def read(self, size: int = -1) -> bytes:
+        data, self.written = self.written[:size], self.written[size:]
+        return data
+
+
+def test_a_port_without_a_descriptor_is_asked_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(link, "_open", lambda _name: WindowsSerial())
+    port = SerialPort("COM4")
+    port.send(b"QG\r")
+    assert port.receive(0.1) == b"QG\r"
+    assert port.receive(0.0) == b""
+    port.wake()
+    port.close()
+
+
+ON_WINDOWS = """
+import os, signal, sys
+import serial.tools.list_ports, subprocess  # these have their own ways there
+for name in ("fcntl", "termios", "tty", "pty", "resource", "pwd", "grp"):
+    sys.modules[name] = None
+for name in [name for name in vars(signal) if name.startswith("SIG") and name not in ("SIGINT", "SIGTERM")]:
+    if not name.startswith("SIG_"):
+        delattr(signal, name)
+for name in ("set_blocking", "pread", "pwrite", "tcgetpgrp", "getpgrp", "fork", "killpg", "openpty", "O_NOFOLLOW"):
+    delattr(os, name)
+from plotter.cli.main import LazyGroup, cli, run
+import click
+for name in LazyGroup.homes:
+    LazyGroup(name="x").get_command(click.Context(cli), name)
+from output.ebb.control import StopFlag, ignore_signals, signals_stop
+from plotter.cli.keys import keys
+with signals_stop(StopFlag(), pauses=True), keys(StopFlag()) as listening:
+    assert not listening
+ignore_signals()
+assert run(["--help"]) == 0
+"""
+
+
+def test_every_command_is_there_without_what_only_unix_has() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", ON_WINDOWS], capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "plotter plot drawing.svg" in done.stdout
 
 
 class Talker(FakeEbb):

@@ -41,6 +41,24 @@ def test_the_table_is_not_empty() -> None:
     assert len(ROWS) > 150
 
 
+@pytest.mark.parametrize(
+    ("question", "good", "bad"),
+    [
+        ("QU,6", "12", "A3"),
+        ("QU,2", "2,32", "3F"),
+        ("QU,1", "F0", "G0"),
+        ("QU,4", "4,0D9F", "0D9F,Z"),
+        ("QL,24", "200", "700"),
+        ("QL", "007", "0A7"),
+    ],
+)
+def test_a_number_in_the_wrong_base_or_range_is_nobodys(question: str, good: str, bad: str) -> None:
+    for data, kind in ((good, Reply), (bad, Stray)):
+        core = Protocol(Syntax.FUTURE)
+        core.send(question)
+        assert [type(event) for event in core.receive(f"{question[:2]},{data}\n".encode())] == [kind]
+
+
 @pytest.mark.parametrize("mode", ["legacy", "future"])
 def test_every_recorded_reply_is_an_answer_or_a_refusal(mode: str) -> None:
     """Nothing that real firmware answers to one command is a stray line; an error always comes out as a refusal."""

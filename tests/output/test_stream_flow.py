@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from output.ebb.commands import CU, EM, SC, SM, SP, Command
+from output.ebb.board_time import board_time_s
+from output.ebb.commands import CU, EM, HM, L3, LM, SC, SM, SP, Command
 from output.ebb.control import StopFlag
 from output.ebb.flow import QueueModel
 from output.ebb.producer import Item
@@ -16,6 +17,7 @@ from output.ebb.progress import Progress, State
 from output.ebb.session import StreamResult, connect
 from output.ebb.stream import LEAD_S
 from output.errors import BadCommand, BoardRefused, LinkLost
+from tests.output.board_in_memory import MemoryBoard
 from tests.output.fake_ebb import FakeEbb
 from tests.output.inline_producer import InlineProducer, inline_producer  # noqa: F401 - a fixture
 
@@ -291,6 +293,33 @@ def test_a_board_that_never_finishes_a_move_is_told() -> None:
     with pytest.raises(BoardRefused, match="stuck"):
         plot(fake)
     assert fake.pen_up
+
+
+@pytest.mark.parametrize(
+    ("firmware", "long"),
+    [
+        ("3.0.3", [SM(2000, 20000, -9000), HM(1000)]),  # 22 s; the board is asked where it is while it goes there
+        ("2.8.1", [SM(2000, 20000, -9000), HM(1000)]),
+        ("3.0.3", [LM(430_000, 1000, 0, 0, 0, 0)]),  # 200 s
+        ("3.0.3", [L3(430_000, 1000, 0, 0, 0, 0, 0, 0)]),
+        ("2.8.1", [LM(430_000, 1000, 0, 0, 0, 0)]),
+    ],
+)
+def test_a_sound_command_that_takes_long_is_not_stuck(firmware: str, long: list[Command]) -> None:
+    memory = MemoryBoard(firmware)
+    board = connect(memory, clock=memory.clock)
+    program: list[Command] = [SC(4, 20000), SC(5, 14000), EM(1, 1), SP(1, 60), *long, SP(1)]
+    began_s = memory.clock()
+    result = board.stream(program, on_progress=lambda _: None, stop=StopFlag())
+    assert result.outcome == "done"
+    assert memory.clock() - began_s > 20
+
+
+def test_a_jerk_and_a_turn_are_in_the_time_that_is_expected() -> None:
+    """By the formula without jerk the first would take two days; the second goes back before it has taken its steps."""
+    assert board_time_s(L3(1000, 20000, 0, 1, 0, 0, 0, 0)) == pytest.approx(2.545, abs=0.001)
+    assert board_time_s(LM(500_000_000, 3000, -1_000_000, 0, 0, 0)) == pytest.approx(0.2656)
+    assert board_time_s(LM(100, 3000, -90, 0, 0, 0)) < 100
 
 
 def test_lost_power_ends_the_plot() -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import random
+import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -382,6 +386,30 @@ def test_an_error_of_the_safe_stops_own_kind_is_no_way_round_it(error: type[Base
     check_at_rest(memory)
 
 
+@pytest.mark.parametrize("on_the_way", [True, False])
+def test_ctrl_z_sleeps_before_a_stroke_or_at_the_end(on_the_way: bool) -> None:
+    """A program that cannot stop on its path: as a command file, or the travel of a tool, which has no place to pause."""
+    memory, stop, slept = MemoryBoard(), StopFlag(), []
+    board = connect(memory, clock=memory.clock)
+    items = [item for item in plot(strokes=6) if on_the_way or isinstance(item, Command)]
+
+    def press(m: MemoryBoard) -> None:
+        if m.clock() > 0.7 and not stop.suspend_asked and not slept:
+            os.kill(os.getpid(), signal.SIGTSTP)
+
+    def sleep() -> None:
+        check_at_rest(memory)
+        slept.append(len(memory.record()["ink"]))
+        stop.go()
+
+    stop.suspends = sleep
+    memory.on_receive = press
+    assert board.stream(items, on_progress=lambda _: None, stop=stop).outcome == "done"
+    assert len(slept) == 1
+    assert slept[0] in (range(2, 6) if on_the_way else [6])
+    check_plan_is_inked(memory.record()["ink"], items)
+
+
 # the journal's word against the board's
 
 
@@ -402,12 +430,136 @@ def test_motors_that_were_let_go_since_are_noticed(tmp_path: Path) -> None:
     assert "another job" in str(position_lost(board, state))
 
 
+@pytest.mark.parametrize("version", ["2.7.0", "2.8.1", "3.0.3"])
+def test_a_stop_by_the_operator_asks_for_home(version: str, tmp_path: Path) -> None:
+    """The motors have let go, which firmware before 2.8.0 cannot be asked."""
+    memory, stop = MemoryBoard(version), StopFlag()
+    board = connect(memory, clock=memory.clock)
+    with Journal.begin(tmp_path / "j", {}) as journal:
+        journal.part({"token": board.begin_job()})
+        memory.on_receive = lambda m: stop.stop("stopped by key") if m.clock() > 1.0 and not stop.requested else None
+        result = board.stream(list(plot()), on_progress=lambda _: None, stop=stop, journal=journal)
+        journal.end(result.outcome, result.steps)
+    state = load(tmp_path / "j")
+    assert state is not None
+    assert result.outcome == "stopped"
+    assert memory.record()["motors_on"] == [False, False]
+    assert "motors were" in str(position_lost(board, state))
+
+
+def test_a_supply_that_failed_since_is_noticed_and_not_forgotten(tmp_path: Path) -> None:
+    """The board's own flag goes down when it is read; whoever reads it first must not be the last to know."""
+    memory = MemoryBoard()
+    board = connect(memory, clock=memory.clock)
+    with Journal.begin(tmp_path / "j", {}) as journal:
+        journal.part({"token": board.begin_job()})
+        memory.on_receive = lambda m: setattr(m, "gone", m.clock() > 0.6)
+        with pytest.raises(LinkLost):
+            board.stream(list(plot()), on_progress=lambda _: None, stop=StopFlag())
+    state = load(tmp_path / "j")
+    assert state is not None
+    memory.on_receive = None
+    memory.replugged()
+    memory.host_stalls(3)
+    assert position_lost(connect(memory, clock=memory.clock, clear=False), state) is None
+    memory.fault(fault="power", at={"time_s": memory.clock() + 1}, on=False, for_s=0.05)
+    memory.host_stalls(3)
+    assert not connect(memory, clock=memory.clock, clear=False).is_moving()
+    for _ in range(2):
+        again = connect(memory, clock=memory.clock, clear=False)
+        assert "power failed" in str(position_lost(again, state))
+    token = again.begin_job()  # at home again
+    assert position_lost(again, replace(state, part={"token": token})) is None
+
+
+def test_a_plot_that_a_dip_has_ended_asks_for_home(tmp_path: Path) -> None:
+    memory = MemoryBoard(faults=[{"fault": "power", "at": {"time_s": 1.0}, "on": False, "for_s": 0.05}])
+    board = connect(memory, clock=memory.clock)
+    with Journal.begin(tmp_path / "j", {}) as journal:
+        journal.part({"token": board.begin_job()})
+        with pytest.raises(BoardRefused, match="power was lost during the plot"):
+            board.stream(list(plot()), on_progress=lambda _: None, stop=StopFlag(), journal=journal)
+    state = load(tmp_path / "j")
+    assert state is not None
+    assert "power failed" in str(position_lost(connect(memory, clock=memory.clock, clear=False), state))
+
+
+def test_a_dip_between_a_pause_and_the_next_part_is_noticed() -> None:
+    memory, stop = MemoryBoard(), StopFlag()
+    board = connect(memory, clock=memory.clock)
+
+    def leave(progress: Progress) -> None:
+        if progress.state is State.PAUSED:
+            stop.leave()
+
+    stop.pause("paused")
+    assert board.stream(list(plot()), on_progress=leave, stop=stop).outcome == "left"
+    stop.go()
+    memory.fault(fault="power", at={"time_s": memory.clock() + 0.01}, on=False, for_s=0.05)
+    memory.host_stalls(0.1)
+    board.begin_job()
+    with pytest.raises(BoardRefused, match="power was lost"):
+        board.stream(list(plot()), on_progress=lambda _: None, stop=stop)
+
+
 def test_a_journal_tells_when_its_plot_began(tmp_path: Path) -> None:
     with Journal.begin(tmp_path / "j", {"drawing": "x"}) as journal:
         journal.stroke_done(StrokeEnd(0, (1, 2)), Progress())
     state = load(tmp_path / "j")
     assert state is not None
     assert state.began_s == pytest.approx(time.time(), abs=60)
+
+
+# one byte of noise in what the board says
+
+
+class NoisyBoard(MemoryBoard):
+    """`noise`: which digit from the board, counted from the plot's beginning, arrives as another byte."""
+
+    noise: tuple[int, bytes] | None = None
+    digits = 0
+
+    def receive(self, timeout_s: float) -> bytes:
+        data = super().receive(timeout_s)
+        for at, byte in enumerate(data):
+            if chr(byte).isdigit():
+                if self.noise is not None and self.digits == self.noise[0]:
+                    data = data[:at] + self.noise[1] + data[at + 1 :]
+                self.digits += 1
+        return data
+
+
+@pytest.mark.parametrize("version", ["3.0.3", "3.0.0", "2.8.1"])
+def test_one_wrong_digit_in_any_answer_is_an_error_or_nothing(version: str) -> None:
+    """Never an exception of another kind, and never one that keeps the pen down."""
+    rng, ended = random.Random(14), 0
+    for _ in range(60):
+        memory = NoisyBoard(version)
+        board = connect(memory, clock=memory.clock)
+        memory.digits, memory.noise = 0, (rng.randrange(400), rng.choice([b"A", b"A", b"9", b"-"]))
+        with suppress(LinkLost, BoardRefused):
+            board.stream(list(plot()), on_progress=lambda _: None, stop=StopFlag())
+            ended += 1
+        memory.host_stalls(2.0)
+        check_at_rest(memory)
+    assert 0 < ended < 60
+
+
+@pytest.mark.parametrize(("question", "answer"), [("QU,2", "0"), ("QU,2", "932"), ("QU,3", "0"), ("QU,3", "92")])
+def test_a_queue_of_no_length_is_not_set(question: str, answer: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    memory = MemoryBoard()
+    board = connect(memory, clock=memory.clock)
+    real = board.query
+    monkeypatch.setattr(board, "query", lambda asked, *_: answer if asked == question else real(asked))
+    with pytest.raises(LinkLost, match="damaged"):
+        board.stream(list(plot()), on_progress=lambda _: None, stop=StopFlag())
+    assert b"CU,4,0\r" not in [data for _, data in memory.written]
+
+
+def test_more_waiting_than_there_are_places_is_a_damaged_answer() -> None:
+    model = QueueModel(32, counts=True)
+    with pytest.raises(LinkLost, match="83 commands wait in a queue of 32"):
+        model.on_polled(waiting=83, fifo_empty=False, executing=True, now=0.0)
 
 
 # clocks

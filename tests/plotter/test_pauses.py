@@ -373,6 +373,58 @@ def test_what_was_cut_off_while_a_travel_was_being_held_is_resumed(
     check_whole(memory, job)
 
 
+TWO_LAYERS = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"
+ width="100mm" height="60mm" viewBox="0 0 100 60" stroke="black">
+ <g inkscape:groupmode="layer" inkscape:label="1 red"><path d="M10 10L60 10"/><path d="M10 20L60 20"/></g>
+ <g inkscape:groupmode="layer" inkscape:label="!2 blue"><path d="M10 30L60 30"/></g></svg>"""
+
+
+class KeyByKey(Operator):
+    """Presses the next of `script` (key, seconds from the beginning) when its time has come, and `p` in every pause."""
+
+    def __init__(self, script: list[tuple[str, float]], in_pauses: str = "p") -> None:
+        super().__init__([])
+        self.script = script
+        self.keys_in_pauses = iter(in_pauses)
+        self.messages: list[str | None] = []
+
+    def __call__(self, memory: MemoryBoard) -> None:
+        if self.stop is None:
+            return
+        now, state = memory.clock(), memory.board.state()
+        self._began = now if self._began is None else self._began
+        if self.script and now - self._began >= self.script[0][1]:
+            press(self.script.pop(0)[0], self.stop)
+        elif self.stop.pause_reason is None or not (state["pen_up"] and state["idle"]):
+            self._resting = None
+        elif self._resting is None:
+            self._resting = now
+        elif now - self._resting > 2.0 and not self.script:
+            self.messages.append(self.stop.pause_reason)
+            self.rests.append(tuple(state["position"]))
+            self._resting = None
+            press(next(self.keys_in_pauses, "p"), self.stop)
+
+
+def test_home_that_was_taken_back_is_not_gone_to_in_a_later_pause(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`h`, and `p` before its pause has begun: the plot goes on, and rests where its own pause is."""
+    job, memory, operator = job_of(tmp_path, "3.0.3", TWO_LAYERS), MemoryBoard(), KeyByKey([("h", 0.2), ("p", 0.25)])
+    assert plotted(job, memory, operator, monkeypatch).result.outcome == "done"
+    assert [str(message).split(",")[0] for message in operator.messages] == ["next: !2 blue"]
+    assert operator.rests[0] != (0, 0)
+    check_whole(memory, job)
+
+
+@pytest.mark.parametrize("keys", ["h", "hh"])
+def test_a_pause_of_the_drawing_that_was_left_for_home_is_not_begun_again(
+    keys: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job, memory, operator = job_of(tmp_path, "3.0.3", TWO_LAYERS), MemoryBoard(), KeyByKey([], keys)
+    assert plotted(job, memory, operator, monkeypatch).result.outcome == "done"
+    assert [str(message).split(",")[0] for message in operator.messages] == ["next: !2 blue", *["paused at home"] * len(keys)]
+    check_whole(memory, job)
+
+
 def test_planted_hold_that_stops_dead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The oracle of speed is seen to trip: a hold that cuts the motion off where it is."""
     brake = PausableProgram.hold

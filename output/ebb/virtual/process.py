@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import selectors
 import subprocess
 import sys
@@ -132,8 +133,12 @@ def start_virtual_board(
     `faults` a script as in `output.ebb.virtual.faults`; `pty` a symbolic link to make for the port; `pen_down` starts with the
     pen on the paper; `version_line` is what V answers instead of its own line. `patience_s` is how long, in real time, a board
     that is about to run dry waits for the host, for fast runs whose underruns are to be the stream's own.
-    Raises LinkLost when the process does not start.
+    Raises LinkLost when the process does not start, BadCommand on a system without pseudo-terminals.
     """
+    if os.name != "posix":
+        raise BadCommand(
+            "the virtual board needs pseudo-terminals, which this system has not: use Linux or macOS, or a real board"
+        )
     with tempfile.TemporaryDirectory(prefix="virtual-board-") as scratch:
         record_path = Path(scratch) / "record.json" if record is None else record
         command = [sys.executable, "-m", "output.ebb.virtual", "--control", "--firmware", firmware, "--speed", str(speed)]
