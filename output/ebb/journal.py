@@ -10,6 +10,7 @@ What is written, and when it counts:
     part        the program begins, or begins again after a resume; command numbers count from here
     sent n      *before* a command goes out: at most n commands can have reached the board (written ahead, in leases)
     done n      n commands are executed by the board's own count, never by acknowledgements, which only mean "queued"
+    held n      a pause has taken the place of what follows the first n commands: the board is sent these instead, and no more
     stroke i    stroke i is drawn to its end
     end         why the plot ended; absent after a crash, which is how the next start knows of it
 
@@ -51,6 +52,7 @@ class Journal:
         self.path = path
         self.trouble: str | None = None
         self._descriptor = descriptor
+        self._sent = 0
         self._leased = 0
         self._closing = threading.Event()
         self._sync_wanted = threading.Event()
@@ -90,15 +92,21 @@ class Journal:
 
     def part(self, facts: Mapping[str, Any]) -> None:
         """A program begins: `facts` say what it is, the job token among them. Command numbers start again at 0."""
-        self._leased = 0
+        self._sent = self._leased = 0
         self._write({"kind": "part", **facts})
         self._sync_wanted.set()
 
     def sent(self, commands: int) -> None:
         """Command number `commands` (from 1) is about to be sent."""
+        self._sent = commands
         if commands > self._leased:
             self._leased = commands + _LEASE - 1
             self._write({"kind": "sent", "n": self._leased})
+
+    def held(self, wires: Sequence[str]) -> None:
+        """From the next command on these are sent, as the board will read them, in place of the rest of the program."""
+        self._write({"kind": "held", "n": self._sent, "wires": list(wires)})
+        self._sync_wanted.set()
 
     def executed(self, progress: Progress) -> None:
         """So many commands are executed, and both motors stand at `progress.steps` or beyond."""
@@ -165,13 +173,22 @@ class Journal:
 
 
 @dataclass(frozen=True, slots=True)
+class Held:
+    """A pause on the path: after the first `commands` commands of the part's program, the board was sent `wires` instead."""
+
+    commands: int
+    wires: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class PlotState:
     """What a journal says. Numbers of commands are those of the latest part.
 
     `executed` commands are drawn for certain, at most `sent` can be; `strokes_done` are drawn whole, over all parts; `stroke`
     is the one that was being drawn (None: none, as far as is known) and `steps` the last executed position that was noted.
     `ended` is why the plot ended, None when it was cut off. `damaged` lines were skipped. `began_s` is when the plot began, for
-    a person to read and nothing else (Unix seconds of the wall clock); None when unknown.
+    a person to read and nothing else (Unix seconds of the wall clock); None when unknown. `held` is what a pause has sent in
+    place of the rest of the latest part, None when none has; numbers of commands go on through it.
     """
 
     head: Mapping[str, Any]
@@ -186,6 +203,7 @@ class PlotState:
     ended: str | None
     damaged: int
     began_s: float | None = None
+    held: Held | None = None
 
     @property
     def interrupted(self) -> bool:
@@ -204,6 +222,7 @@ class _Reading:
     steps: tuple[int, int] | None = None
     board_time_s: float = 0.0
     ended: str | None = None
+    held: Held | None = None
 
     def take(self, record: Mapping[str, Any]) -> None:
         """One sound record. Damage may have removed any of its neighbours, so numbers only ever grow within a part."""
@@ -211,9 +230,11 @@ class _Reading:
         if kind == "part":
             self.part, self.parts = dict(record), self.parts + 1
             self.executed = self.sent = 0
-            self.stroke, self.steps, self.ended = None, None, None
+            self.stroke, self.steps, self.ended, self.held = None, None, None, None
         elif kind == "sent":
             self.sent = max(self.sent, int(record["n"]))
+        elif kind == "held":
+            self.held = Held(int(record["n"]), tuple(str(wire) for wire in record["wires"]))
         elif kind == "done" and int(record["n"]) >= self.executed:
             self.executed = int(record["n"])
             self.sent = max(self.sent, self.executed)
@@ -264,6 +285,7 @@ def load(path: Path) -> PlotState | None:
         ended=reading.ended,
         damaged=damaged,
         began_s=float(head["began_s"]) if isinstance(head.get("began_s"), int | float) else None,
+        held=reading.held,
     )
 
 

@@ -7,6 +7,7 @@ are executed for certain and how many can have been sent; between the two, the b
                                  ^ searched for the place where the counters are what the board says ^
 
 The program must be the same: made from the same drawing, settings and version, which `journal.differences` of the heads tells.
+A pause on the path sends something else in place of its rest, which the journal has word for word.
 """
 
 from __future__ import annotations
@@ -18,9 +19,10 @@ from math import hypot
 from output.ebb import arithmetic, arithmetic_old
 from output.ebb.arithmetic import NeverEnds, State, StepRateRefused
 from output.ebb.commands import CS, EM, S2, SP, TP, Command, MotionCommand
+from output.ebb.commands_text import parse_as_sent
 from output.ebb.firmware import Firmware
-from output.ebb.journal import PlotState
-from output.ebb.program import Program, StrokeEnd, StrokeMark
+from output.ebb.journal import Held, PlotState
+from output.ebb.program import Mark, Program, StrokeEnd, StrokeMark
 from output.ebb.session import Board
 
 Steps = tuple[int, int]
@@ -79,7 +81,9 @@ def ran_out(board: Board, state: PlotState, program: Program) -> bool:
     """
     began = bool(state.strokes_done) or state.stroke is not None
     token = state.part.get("token")
-    if state.ended is not None or not began or not isinstance(token, int) or not board.has_token(token):
+    if state.ended is not None or state.held is not None or not began:
+        return False
+    if not isinstance(token, int) or not board.has_token(token):
         return False
     if not board.motors_off() or board.steps() != (0, 0):
         return False
@@ -94,16 +98,16 @@ def find_place(
     With `steps` None the position is not known: the place is after the last command that is executed for certain, which may
     draw up to the queue's length twice but leaves no gap. None when the counters fit nowhere: they were changed since.
     `start` is where the counters stood when the program began, `first` the stroke that it begins with. The earliest place is
-    taken where several fit. Where none does, because a hold on the path has replaced commands since the part began, a place on
-    the stroke that was being drawn is taken.
+    taken where several fit. Where none does, because damage has cost the journal the hold that replaced commands since the part
+    began, a place on the stroke that was being drawn is taken.
     Linear in the commands of the program up to the place.
     """
     if state.sent == 0 and steps in (None, start):
         return Place(0, None, False, start, 0.0, first)
     elsewhere: Place | None = None
-    for piece in _pieces(program, firmware, start, first):
+    for piece in _pieces(_as_sent(program, state.held), firmware, start, first):
         if piece.index < state.executed - 1 or (steps is not None and piece.index >= state.sent):
-            on_stroke = state.stroke is not None and piece.stroke == state.stroke and piece.pen_down
+            on_stroke = state.held is None and state.stroke is not None and piece.stroke == state.stroke and piece.pen_down
             if steps is not None and elsewhere is None and on_stroke and _between(piece, steps):
                 elsewhere = _inside(piece, steps)
             continue
@@ -116,6 +120,19 @@ def find_place(
         if _between(piece, steps):
             return _inside(piece, steps)
     return elsewhere
+
+
+def _as_sent(program: Program, held: Held | None) -> Iterator[Command | Mark]:
+    """The program as far as it was followed, and what a hold has sent in place of the rest."""
+    commands = 0
+    for item in program:
+        if held is not None and isinstance(item, Command):
+            if commands == held.commands:
+                break
+            commands += 1
+        yield item
+    if held is not None:
+        yield from (parse_as_sent(wire) for wire in held.wires)
 
 
 def _after(piece: _Piece) -> Place:

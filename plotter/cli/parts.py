@@ -23,9 +23,9 @@ from output.ebb.control import StopFlag, ignore_signals
 from output.ebb.encode import BoardSetup, encode, prologue
 from output.ebb.held import PausableProgram
 from output.ebb.journal import Journal
-from output.ebb.program import Mark, PauseMark
+from output.ebb.program import Mark, PauseMark, Program
 from output.ebb.progress import Progress, State
-from output.ebb.session import Board
+from output.ebb.session import Board, StreamResult
 from planning.motion.plan import Action, OperatorPause, Travel
 from planning.motion.travel import travel
 from plotter.board_setup import HOME_MM
@@ -60,7 +60,8 @@ def plot_in_parts(
                 settings.pen.lift_s,
             )
             show = partial(_show, bar, outlook, stop, listening, total)
-            result = board.stream(items, on_progress=show, stop=stop, journal=journal, hold=items.hold)
+            hold = items.hold if journal is None else partial(_hold, items, journal)
+            result = board.stream(items, on_progress=show, stop=stop, journal=journal, hold=hold)
             total = _together(total, result.progress)
             if result.outcome == "held" and items.place is not None:
                 part = part_after(setup, part, items.place)
@@ -77,7 +78,11 @@ def plot_in_parts(
             if stop.home_asked:
                 with suppress(OSError):  # the terminal may have been closed meanwhile
                     bar.tell("the pen is up: going home")
-                _go_home(board, setup, job, part, stop)
+                _note_part(board, journal, part)  # on the way, nothing of it having been sent
+                way = _go_home(board, setup, job, part, stop)
+                if way.outcome != "done":
+                    result = way
+                    break
                 part = replace(part, start_mm=(0.0, 0.0))
     if result.outcome != "done":
         ignore_signals()  # the pen is up; a late Ctrl-C would only take the message and the exit code away
@@ -92,6 +97,16 @@ def _note_part(board: Board, journal: Journal | None, part: Part | None) -> None
         port = Path(board.port_name)
         place = str(port.absolute()) if port.exists() else board.port_name
         journal.part({**facts, "token": board.begin_job(), "nickname": board.nickname() or "", "port": place})
+
+
+def _hold(items: PausableProgram, journal: Journal, taken: int) -> Program | None:
+    """What is sent in place of the rest, once it is in the journal."""
+    rest = items.hold(taken)
+    if rest is None:
+        return None
+    rest = list(rest)
+    journal.held([item.wire() for item in rest if isinstance(item, Command)])
+    return rest
 
 
 def _beginning(setup: BoardSetup, part: Part | None, stop: StopFlag) -> Iterator[Command | Mark]:
@@ -147,8 +162,8 @@ def _part_left(job: Job, setup: BoardSetup, part: Part | None, strokes_done: int
     return Part(first + strokes_done, 0.0, here, here, False)
 
 
-def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFlag) -> None:
-    """Travel home from where the part begins, and stay in the pause."""
+def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFlag) -> StreamResult:
+    """Travel home from where the part begins, and stay in the pause. The carriage is there only when that is "done"."""
     settings = motion_settings(job.settings, job.machine)
     way = travel(np.array(part.start_mm), HOME_MM, settings.travel, settings.kinematics, settings.bounds_mm)
     stop.home_asked = stop.leave_asked = False
@@ -157,9 +172,10 @@ def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFl
         yield from prologue(setup, keep_counters=True)
         yield from encode([Travel(way)], setup)
 
-    board.stream(items(), on_progress=lambda _: None, stop=stop)
+    result = board.stream(items(), on_progress=lambda _: None, stop=stop)
     if stop.pause_reason is not None:  # else the operator has said go meanwhile
         stop.pause(AT_HOME, stop.pause_signal)
+    return result
 
 
 def _without_pauses(actions: Iterator[Action]) -> Iterator[Action]:

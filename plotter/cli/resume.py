@@ -95,8 +95,11 @@ def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: b
     """Where the plot stands. Raises BoardRefused when the board's counters fit nowhere, and home was not confirmed."""
     part = Part.of(state.part)
     start, first = ((0, 0), 0) if part is None else (_steps_at(part, setup), part.stroke)
+    steps = None if homed else board.steps()
+    if steps is not None and part is not None and not part.homed and not state.sent and not state.damaged:
+        start = steps  # on the way home in a pause, or there: nothing of the part has been sent
     items = part_program(job, setup, part)
-    place = find_place(items, setup.firmware, state, None if homed else board.steps(), start, first)
+    place = find_place(items, setup.firmware, state, steps, start, first)
     if place is None:
         raise BoardRefused(f"the board does not stand where this plot can have left it: {_HOME}")
     return place

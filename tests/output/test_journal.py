@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from output.ebb.commands import EM, SC, SM, SP, Command
 from output.ebb.control import StopFlag
 from output.ebb.firmware import firmware
-from output.ebb.journal import Journal, PlotState, differences, load
+from output.ebb.journal import Held, Journal, PlotState, differences, load
 from output.ebb.program import Mark, StrokeEnd, StrokeMark
 from output.ebb.progress import Progress
 from output.ebb.resume import find_place, position_lost
@@ -123,6 +123,24 @@ def test_a_journal_goes_on_after_a_torn_line(tmp_path: Path) -> None:
     state = load(path)
     assert state is not None
     assert (state.parts, state.executed, state.ended, state.steps, state.strokes_done) == (2, 0, "stopped", (5, 6), {0, 1})
+
+
+def test_what_a_pause_sends_instead_is_read_until_the_next_part(tmp_path: Path) -> None:
+    """It takes the place of what follows the commands that were really sent, not of those that were written ahead."""
+    path = tmp_path / "j"
+    with Journal.begin(path, HEAD) as journal:
+        journal.part({"token": 7})
+        for n in range(1, 8):
+            journal.sent(n)
+        journal.held(["SM,30,5,0", "SP,1,50"])
+        journal.sent(8)
+        state = load(path)
+        assert state is not None
+        assert state.held == Held(7, ("SM,30,5,0", "SP,1,50"))
+        journal.part({"token": 8})
+    state = load(path)
+    assert state is not None
+    assert state.held is None
 
 
 def test_no_journal_and_other_files_are_none(tmp_path: Path) -> None:
@@ -268,3 +286,22 @@ def test_a_place_inside_a_stroke_knows_how_much_is_drawn() -> None:
     unknown = find_place(items, firmware("3.0.3"), state, None)
     assert unknown is not None
     assert unknown.command == 6
+
+
+def test_a_place_in_a_pause_is_looked_for_in_what_was_sent_for_it() -> None:
+    """Eight commands were sent, then a brake of 6 steps and a lift in place of 20, 21, ... steps and other strokes."""
+    items, fw = program(), firmware("3.0.3")
+    held = Held(8, ("SM,30,4,0", "SM,30,2,0", "SP,1,50"))
+
+    def place(executed: int, steps: tuple[int, int] | None) -> tuple[float, bool] | None:
+        state = PlotState(HEAD, {}, 1, executed, 40, frozenset(), 0, None, 0.0, None, 0, held=held)
+        found = find_place(items, fw, state, steps)
+        return None if found is None else (found.drawn_steps, found.pen_down)
+
+    x = 30 + 20 + 21
+    assert place(7, (x, 10)) == (pytest.approx(41), True)
+    assert place(8, (x + 3, 10)) == (pytest.approx(44), True), "in the brake"
+    assert place(8, (x + 6, 10)) == (pytest.approx(47), True), "at rest"
+    assert place(8, (x + 15, 10)) is None, "where the stroke would have gone on"
+    assert place(9, None) == (pytest.approx(45), True)
+    assert place(11, None) == (pytest.approx(47), False)
