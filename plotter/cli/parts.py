@@ -96,7 +96,8 @@ def _note_part(board: Board, journal: Journal | None, part: Part | None) -> None
         facts = {} if part is None else asdict(part)
         port = Path(board.port_name)
         place = str(port.absolute()) if port.exists() else board.port_name
-        journal.part({**facts, "token": board.begin_job(), "nickname": board.nickname() or "", "port": place})
+        board_facts = {"firmware": board.firmware, "nickname": board.nickname() or "", "port": place}
+        journal.part({**facts, "token": board.begin_job(), **board_facts})
 
 
 def _hold(items: PausableProgram, journal: Journal, taken: int) -> Program | None:

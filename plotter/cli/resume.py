@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import click
 import numpy as np
 
 from output.ebb.encode import BoardSetup
+from output.ebb.firmware import firmware
 from output.ebb.journal import Journal, PlotState
 from output.ebb.ports import choose_port, find_ports, wait_for_board
 from output.ebb.resume import Place, find_place, position_lost, ran_out
@@ -85,15 +87,21 @@ def _is_there_unlisted(port: str) -> bool:
     return all(board.device != port for board in find_ports())
 
 
+def _as_it_was(setup: BoardSetup, state: PlotState) -> BoardSetup:
+    """The set-up by which the journal's commands are numbered: the board's firmware may have been changed since."""
+    name = state.part.get("firmware")
+    return replace(setup, firmware=firmware(name)) if isinstance(name, str) else setup
+
+
 def _all_drawn(job: Job, setup: BoardSetup, state: PlotState, board: Board) -> bool:
     """Whether no line is left to draw, whatever became of the position: by the journal, or by what the board did on its own."""
     drawn = len(state.strokes_done) == job.stroke_count
-    return drawn or ran_out(board, state, part_program(job, setup, Part.of(state.part)))
+    return drawn or ran_out(board, state, part_program(job, _as_it_was(setup, state), Part.of(state.part)))
 
 
 def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: bool) -> Place:
     """Where the plot stands. Raises BoardRefused when the board's counters fit nowhere, and home was not confirmed."""
-    part = Part.of(state.part)
+    part, setup = Part.of(state.part), _as_it_was(setup, state)
     start, first = ((0, 0), 0) if part is None else (_steps_at(part, setup), part.stroke)
     steps = None if homed else board.steps()
     if steps is not None and part is not None and not part.homed and not state.sent and not state.damaged:

@@ -364,6 +364,24 @@ def test_stopped_on_the_way_home_in_a_pause_it_has_ended(tmp_path: Path, monkeyp
     check_length([ink for m in (memory, other) for ink in ink_mm(m.record(), job.machine.kinematics())], job)
 
 
+@pytest.mark.parametrize(("before", "since"), [("2.8.1", "3.0.3"), ("3.0.3", "2.8.1")])
+def test_a_plot_is_resumed_on_a_board_with_another_firmware(
+    before: str, since: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The board was updated, or exchanged, since the plot was cut off: its commands are not those that the journal counts."""
+    job, memory, operator = job_of(tmp_path, before, LAPS), MemoryBoard(before), Operator([5.0])
+    cut_off(job, memory, operator, 0.0, tmp_path, monkeypatch)
+    other = MemoryBoard(since)
+    resumed(job, other, tmp_path, homed=True)
+    ink = [ink_mm(m.record(), job.machine.kinematics()) for m in (memory, other)]
+    wanted = [stroke.points_mm for layer in job.layers for stroke in layer.strokes]
+    assert compare(ink[0] + ink[1], wanted).wanted.max_mm <= 0.05
+    inked_mm = sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in ink[0] + ink[1])
+    again_mm = inked_mm - sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in wanted)
+    on_the_board_mm = (LEAD_S + 0.2) * job.settings.draw_speed
+    assert 0 <= again_mm <= on_the_board_mm, "nobody knows how much of that was drawn when it stood still"
+
+
 def cut_off(
     job: Job, memory: MemoryBoard, operator: Operator, after_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
