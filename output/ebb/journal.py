@@ -37,7 +37,7 @@ from output.ebb.progress import Progress
 
 SYNC_EVERY_S = 1.0
 # How many commands are written ahead at a time: a place is looked for among this many and the queue.
-_LEASE = 32
+LEASE = 32
 # Another number wherever an older journal would be misread, or its plot made again in another order.
 FORMAT = 2
 
@@ -100,7 +100,7 @@ class Journal:
         """Command number `commands` (from 1) is about to be sent."""
         self._sent = commands
         if commands > self._leased:
-            self._leased = commands + _LEASE - 1
+            self._leased = commands + LEASE - 1
             self._write({"kind": "sent", "n": self._leased})
 
     def held(self, wires: Sequence[str]) -> None:

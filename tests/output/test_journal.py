@@ -288,6 +288,37 @@ def test_a_place_inside_a_stroke_knows_how_much_is_drawn() -> None:
     assert unknown.command == 6
 
 
+def state_of(executed: int, sent: int, ended: str | None = None) -> PlotState:
+    return PlotState(HEAD, {}, 1, executed, sent, frozenset(), 0, None, 0.0, ended, 0)
+
+
+def test_a_place_within_a_command_is_on_its_way() -> None:
+    """The first command's box holds the whole of the second: whoever stands there was not on the first's diagonal."""
+    items: list[Command | Mark] = [StrokeMark(0), SP(0, 50), SM(300, 400, 400), SM(200, 0, -300), SM(200, -100, 0)]
+    for steps, command, drawn in [((400, 250), 2, 565.7 + 150), ((340, 100), 3, 565.7 + 360), ((250, 250), 1, 353.6)]:
+        place = find_place(items, firmware("3.0.3"), state_of(1, 33), steps)
+        assert place is not None
+        assert (place.command, place.drawn_steps) == (command, pytest.approx(drawn, abs=0.1))
+    assert find_place(items, firmware("3.0.3"), state_of(1, 33), (200, 300)) is None
+    assert find_place(items, firmware("3.0.3"), state_of(2, 33), (250, 250)) is None, "the first was executed for certain"
+
+
+def test_a_board_that_was_left_alone_has_come_to_what_it_was_sent_last() -> None:
+    """Round a square four times and out: at its corners the counters say which only with how far the board can have come."""
+    sides = [SM(100, 50, 0), SM(100, 0, 50), SM(100, -50, 0), SM(100, 0, -50)]
+    items: list[Command | Mark] = [StrokeMark(0), SP(0, 50), *(sides * 20), SM(100, 60, 70)]
+    written_ahead = 66  # between 34 and 66 commands have been sent, at most four of the last are lost
+
+    def place(ended: str | None) -> int:
+        found = find_place(items, firmware("3.0.3"), state_of(2, written_ahead, ended), (50, 50))
+        assert found is not None
+        return found.command
+
+    assert place(None) == 31
+    assert place("LinkLost: the link to x is lost") == 31
+    assert place("BoardRefused: the board is stuck") == 3, "it was stopped, soon after what was counted last"
+
+
 def test_a_place_in_a_pause_is_looked_for_in_what_was_sent_for_it() -> None:
     """Eight commands were sent, then a brake of 6 steps and a lift in place of 20, 21, ... steps and other strokes."""
     items, fw = program(), firmware("3.0.3")
