@@ -316,7 +316,9 @@ def test_what_was_cut_off_while_a_travel_was_being_held_is_resumed(
     check_whole(memory, job)
 
 
-@pytest.mark.parametrize(("firmware", "at_s", "after_s"), [("2.8.1", 3.0, 0.35), ("2.8.1", 3.0, 0.45)])
+@pytest.mark.parametrize(
+    ("firmware", "at_s", "after_s"), [("2.8.1", 3.0, 0.35), ("2.8.1", 3.0, 0.45), ("3.0.3", 4.0, 1.45), ("3.0.3", 4.0, 1.55)]
+)
 def test_what_was_cut_off_while_a_stroke_was_being_held_is_resumed(
     firmware: str, at_s: float, after_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
