@@ -161,9 +161,12 @@ class Journal:
         )
 
     def _sync_loop(self) -> None:
-        while not self._closing.is_set():
+        closing = False
+        while not closing:
             self._sync_wanted.wait(SYNC_EVERY_S)
             self._sync_wanted.clear()
+            # Asked before the fsync: what is written while it runs wants another one.
+            closing = self._closing.is_set()
             if self._dirty and self.trouble is None:
                 self._dirty = False
                 try:

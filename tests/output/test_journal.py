@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import queue
 import threading
+import time
 from pathlib import Path
 from typing import NoReturn
 
@@ -196,6 +197,31 @@ def test_it_reaches_the_disk_at_pen_up_and_within_a_second(tmp_path: Path, monke
         assert synced.get(timeout=20) == (1.0, True)
         journal.executed(Progress(commands_executed=3))
         assert synced.get(timeout=20) == (1.0, False)
+
+
+def test_what_is_written_while_the_disk_is_busy_reaches_it_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The journal is closed while an fsync runs that has begun before its last record."""
+    fsync, begun, go_on = os.fsync, threading.Event(), threading.Event()
+    synced_bytes: list[int] = []
+
+    def slowly(descriptor: int) -> None:
+        synced_bytes.append(os.fstat(descriptor).st_size)
+        fsync(descriptor)
+        if threading.current_thread().name == "journal-sync" and not begun.is_set():
+            begun.set()
+            assert go_on.wait(20)
+
+    monkeypatch.setattr("output.ebb.journal.os.fsync", slowly)
+    journal = Journal.begin(tmp_path / "j", HEAD)
+    assert begun.wait(20)
+    journal.end("stopped")
+    closer = threading.Thread(target=journal.close)
+    closer.start()
+    while not journal._closing.is_set():
+        time.sleep(0.001)
+    go_on.set()
+    closer.join(20)
+    assert synced_bytes[-1] == (tmp_path / "j").stat().st_size
 
 
 def test_differences_name_what_changed() -> None:
