@@ -36,6 +36,8 @@ from output.ebb.program import StrokeEnd
 from output.ebb.progress import Progress
 
 SYNC_EVERY_S = 1.0
+# Windows would end lines with \r\n, of which no checksum knows.
+_APPENDING = os.O_WRONLY | os.O_APPEND | getattr(os, "O_BINARY", 0)
 # How many commands are written ahead at a time: a place is looked for among this many and the queue.
 LEASE = 32
 # Another number wherever an older journal would be misread, or its plot made again in another order.
@@ -56,7 +58,7 @@ class Journal:
         self._leased = 0
         self._closing = threading.Event()
         self._sync_wanted = threading.Event()
-        self._dirty = False
+        self._dirty = True  # its name, at least
         self._syncer = threading.Thread(target=self._sync_loop, daemon=True, name="journal-sync")
         self._syncer.start()
 
@@ -65,18 +67,19 @@ class Journal:
         """A new journal in place of whatever is at `path`; `head` is JSON-able. Raises OSError when it cannot be made."""
         path.parent.mkdir(parents=True, exist_ok=True)
         fresh = path.with_name(path.name + ".new")
-        descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
-        journal = cls(path, descriptor)
-        journal._write({"kind": "head", "format": FORMAT, "began_s": int(time.time()), **head})
-        os.fsync(descriptor)
+        descriptor = os.open(fresh, _APPENDING | os.O_CREAT | os.O_TRUNC, 0o644)
+        try:
+            _write_all(descriptor, _line({"kind": "head", "format": FORMAT, "began_s": int(time.time()), **head}))
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)  # Windows renames no open file
         fresh.replace(path)
-        return journal
+        return cls(path, os.open(path, _APPENDING))
 
     @classmethod
     def reopen(cls, path: Path) -> Journal:
         """Goes on with an existing journal, after a resume. Raises OSError."""
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND)
-        journal = cls(path, descriptor)
+        journal = cls(path, os.open(path, _APPENDING))
         journal._append(b"\n")  # whatever line was being written when it broke off ends here
         return journal
 
@@ -142,15 +145,13 @@ class Journal:
     # writing
 
     def _write(self, record: Mapping[str, Any]) -> None:
-        body = json.dumps(record, separators=(",", ":"), ensure_ascii=True).encode("ascii")
-        self._append(b"%08x %08x %s\n" % (len(body), zlib.crc32(body), body))
+        self._append(_line(record))
 
     def _append(self, data: bytes) -> None:
         if self.trouble is not None or self._closing.is_set():
             return
         try:
-            while data:
-                data = data[os.write(self._descriptor, data) :]
+            _write_all(self._descriptor, data)
             self._dirty = True
         except OSError as error:
             self._give_up(error)
@@ -173,6 +174,16 @@ class Journal:
                     os.fsync(self._descriptor)
                 except OSError as error:
                     self._give_up(error)
+
+
+def _line(record: Mapping[str, Any]) -> bytes:
+    body = json.dumps(record, separators=(",", ":"), ensure_ascii=True).encode("ascii")
+    return b"%08x %08x %s\n" % (len(body), zlib.crc32(body), body)
+
+
+def _write_all(descriptor: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(descriptor, data) :]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ import queue
 import threading
 import time
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -197,6 +197,36 @@ def test_it_reaches_the_disk_at_pen_up_and_within_a_second(tmp_path: Path, monke
         assert synced.get(timeout=20) == (1.0, True)
         journal.executed(Progress(commands_executed=3))
         assert synced.get(timeout=20) == (1.0, False)
+
+
+def test_nothing_is_open_while_the_new_journal_gets_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows refuses to rename a file that is open. Killed before it has its name, the journal before it is still there."""
+    path, opened = tmp_path / "j", set[int]()
+    write(path)
+    before, open_file, close_file, rename = path.read_bytes(), os.open, os.close, Path.replace
+
+    def opening(*args: Any) -> int:
+        opened.add(descriptor := open_file(*args))
+        return descriptor
+
+    def closing(descriptor: int) -> None:
+        opened.discard(descriptor)
+        close_file(descriptor)
+
+    def renaming(fresh: Path, to: Path) -> Path:
+        assert not opened
+        assert path.read_bytes() == before
+        assert load(fresh) is not None, "its head is whole"
+        return rename(fresh, to)
+
+    monkeypatch.setattr("output.ebb.journal.os.open", opening)
+    monkeypatch.setattr("output.ebb.journal.os.close", closing)
+    monkeypatch.setattr(Path, "replace", renaming)
+    with Journal.begin(path, HEAD) as journal:
+        journal.end("done")
+    state = load(path)
+    assert state is not None
+    assert (state.ended, state.executed) == ("done", 0)
 
 
 def test_what_is_written_while_the_disk_is_busy_reaches_it_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
