@@ -10,6 +10,7 @@ What is written, and when it counts:
     part        the program begins, or begins again after a resume; command numbers count from here
     sent n      *before* a command goes out: at most n commands can have reached the board (written ahead, in leases)
     done n      n commands are executed by the board's own count, never by acknowledgements, which only mean "queued"
+    held n      a pause has taken the place of what follows the first n commands: the board is sent these instead, and no more
     stroke i    stroke i is drawn to its end
     end         why the plot ended; absent after a crash, which is how the next start knows of it
 
@@ -35,8 +36,10 @@ from output.ebb.program import StrokeEnd
 from output.ebb.progress import Progress
 
 SYNC_EVERY_S = 1.0
+# Windows would end lines with \r\n, of which no checksum knows.
+_APPENDING = os.O_WRONLY | os.O_APPEND | getattr(os, "O_BINARY", 0)
 # How many commands are written ahead at a time: a place is looked for among this many and the queue.
-_LEASE = 32
+LEASE = 32
 # Another number wherever an older journal would be misread, or its plot made again in another order.
 FORMAT = 2
 
@@ -51,10 +54,11 @@ class Journal:
         self.path = path
         self.trouble: str | None = None
         self._descriptor = descriptor
+        self._sent = 0
         self._leased = 0
         self._closing = threading.Event()
         self._sync_wanted = threading.Event()
-        self._dirty = False
+        self._dirty = True  # its name, at least
         self._syncer = threading.Thread(target=self._sync_loop, daemon=True, name="journal-sync")
         self._syncer.start()
 
@@ -63,19 +67,19 @@ class Journal:
         """A new journal in place of whatever is at `path`; `head` is JSON-able. Raises OSError when it cannot be made."""
         path.parent.mkdir(parents=True, exist_ok=True)
         fresh = path.with_name(path.name + ".new")
-        with fresh.open("wb") as file:
-            file.write(_line({"kind": "head", "format": FORMAT, "began_s": int(time.time()), **head}))
-            file.flush()
-            os.fsync(file.fileno())
-        fresh.replace(path)  # closed by now: Windows moves no file that is open
-        journal = cls(path, _opened(path))
-        journal._dirty = True  # its new name is on no disk yet
-        return journal
+        descriptor = os.open(fresh, _APPENDING | os.O_CREAT | os.O_TRUNC, 0o644)
+        try:
+            _write_all(descriptor, _line({"kind": "head", "format": FORMAT, "began_s": int(time.time()), **head}))
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)  # Windows renames no open file
+        fresh.replace(path)
+        return cls(path, os.open(path, _APPENDING))
 
     @classmethod
     def reopen(cls, path: Path) -> Journal:
         """Goes on with an existing journal, after a resume. Raises OSError."""
-        journal = cls(path, _opened(path))
+        journal = cls(path, os.open(path, _APPENDING))
         journal._append(b"\n")  # whatever line was being written when it broke off ends here
         return journal
 
@@ -91,15 +95,21 @@ class Journal:
 
     def part(self, facts: Mapping[str, Any]) -> None:
         """A program begins: `facts` say what it is, the job token among them. Command numbers start again at 0."""
-        self._leased = 0
+        self._sent = self._leased = 0
         self._write({"kind": "part", **facts})
         self._sync_wanted.set()
 
     def sent(self, commands: int) -> None:
         """Command number `commands` (from 1) is about to be sent."""
+        self._sent = commands
         if commands > self._leased:
-            self._leased = commands + _LEASE - 1
+            self._leased = commands + LEASE - 1
             self._write({"kind": "sent", "n": self._leased})
+
+    def held(self, wires: Sequence[str]) -> None:
+        """From the next command on these are sent, as the board will read them, in place of the rest of the program."""
+        self._write({"kind": "held", "n": self._sent, "wires": list(wires)})
+        self._sync_wanted.set()
 
     def executed(self, progress: Progress) -> None:
         """So many commands are executed, and both motors stand at `progress.steps` or beyond."""
@@ -141,8 +151,7 @@ class Journal:
         if self.trouble is not None or self._closing.is_set():
             return
         try:
-            while data:
-                data = data[os.write(self._descriptor, data) :]
+            _write_all(self._descriptor, data)
             self._dirty = True
         except OSError as error:
             self._give_up(error)
@@ -153,9 +162,12 @@ class Journal:
         )
 
     def _sync_loop(self) -> None:
-        while not self._closing.is_set():
+        closing = False
+        while not closing:
             self._sync_wanted.wait(SYNC_EVERY_S)
             self._sync_wanted.clear()
+            # Asked before the fsync: what is written while it runs wants another one.
+            closing = self._closing.is_set()
             if self._dirty and self.trouble is None:
                 self._dirty = False
                 try:
@@ -164,14 +176,22 @@ class Journal:
                     self._give_up(error)
 
 
-def _opened(path: Path) -> int:
-    """To append to, byte for byte: Windows would make two bytes of a line's end."""
-    return os.open(path, os.O_WRONLY | os.O_APPEND | getattr(os, "O_BINARY", 0))
-
-
 def _line(record: Mapping[str, Any]) -> bytes:
     body = json.dumps(record, separators=(",", ":"), ensure_ascii=True).encode("ascii")
     return b"%08x %08x %s\n" % (len(body), zlib.crc32(body), body)
+
+
+def _write_all(descriptor: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A pause on the path: after the first `commands` commands of the part's program, the board was sent `wires` instead."""
+
+    commands: int
+    wires: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +201,8 @@ class PlotState:
     `executed` commands are drawn for certain, at most `sent` can be; `strokes_done` are drawn whole, over all parts; `stroke`
     is the one that was being drawn (None: none, as far as is known) and `steps` the last executed position that was noted.
     `ended` is why the plot ended, None when it was cut off. `damaged` lines were skipped. `began_s` is when the plot began, for
-    a person to read and nothing else (Unix seconds of the wall clock); None when unknown.
+    a person to read and nothing else (Unix seconds of the wall clock); None when unknown. `held` is what a pause has sent in
+    place of the rest of the latest part, None when none has; numbers of commands go on through it.
     """
 
     head: Mapping[str, Any]
@@ -196,6 +217,7 @@ class PlotState:
     ended: str | None
     damaged: int
     began_s: float | None = None
+    held: Held | None = None
 
     @property
     def interrupted(self) -> bool:
@@ -214,6 +236,7 @@ class _Reading:
     steps: tuple[int, int] | None = None
     board_time_s: float = 0.0
     ended: str | None = None
+    held: Held | None = None
 
     def take(self, record: Mapping[str, Any]) -> None:
         """One sound record. Damage may have removed any of its neighbours, so numbers only ever grow within a part."""
@@ -221,9 +244,11 @@ class _Reading:
         if kind == "part":
             self.part, self.parts = dict(record), self.parts + 1
             self.executed = self.sent = 0
-            self.stroke, self.steps, self.ended = None, None, None
+            self.stroke, self.steps, self.ended, self.held = None, None, None, None
         elif kind == "sent":
             self.sent = max(self.sent, int(record["n"]))
+        elif kind == "held":
+            self.held = Held(int(record["n"]), tuple(str(wire) for wire in record["wires"]))
         elif kind == "done" and int(record["n"]) >= self.executed:
             self.executed = int(record["n"])
             self.sent = max(self.sent, self.executed)
@@ -274,6 +299,7 @@ def load(path: Path) -> PlotState | None:
         ended=reading.ended,
         damaged=damaged,
         began_s=float(head["began_s"]) if isinstance(head.get("began_s"), int | float) else None,
+        held=reading.held,
     )
 
 

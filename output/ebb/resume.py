@@ -6,24 +6,37 @@ are executed for certain and how many can have been sent; between the two, the b
     |  executed, by the journal  |  may be executed  |  never sent  |
                                  ^ searched for the place where the counters are what the board says ^
 
+A board that nobody stopped stands at the end of the last command that it was sent, which is one of those written ahead last.
+Else it stands within a command, on the way that its motors take in it.
+
 The program must be the same: made from the same drawing, settings and version, which `journal.differences` of the heads tells.
+A pause on the path sends something else in place of its rest, which the journal has word for word.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import hypot
+from itertools import pairwise
+from math import hypot, inf
 
 from output.ebb import arithmetic, arithmetic_old
-from output.ebb.arithmetic import NeverEnds, State, StepRateRefused
+from output.ebb.arithmetic import ONE_STEP, NeverEnds, Segment, State, StepRateRefused
 from output.ebb.commands import CS, EM, S2, SP, TP, Command, MotionCommand
+from output.ebb.commands_text import parse_as_sent
 from output.ebb.firmware import Firmware
-from output.ebb.journal import PlotState
-from output.ebb.program import Program, StrokeEnd, StrokeMark
+from output.ebb.journal import LEASE, Held, PlotState
+from output.ebb.program import Mark, Program, StrokeEnd, StrokeMark
 from output.ebb.session import Board
+from output.errors import LinkLost
 
 Steps = tuple[int, int]
+
+# So many of the last commands can have been lost with the cable.
+_UNANSWERED = 4
+# The way of a command is followed by so many straight lines for each of its segments; what is this near to it is on it.
+_LOOKS = 16
+_ON_THE_WAY_STEPS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +65,7 @@ class _Piece:
     pen_down: bool
     drawn_before: float
     next_stroke: int
+    way: tuple[Segment, ...] = ()
 
     @property
     def length(self) -> float:
@@ -83,7 +97,9 @@ def ran_out(board: Board, state: PlotState, program: Program) -> bool:
     """
     began = bool(state.strokes_done) or state.stroke is not None
     token = state.part.get("token")
-    if state.ended is not None or not began or not isinstance(token, int) or not board.has_token(token):
+    if state.ended is not None or state.held is not None or not began:
+        return False
+    if not isinstance(token, int) or not board.has_token(token):
         return False
     if not board.motors_off() or board.steps() != (0, 0):
         return False
@@ -97,29 +113,53 @@ def find_place(
 
     With `steps` None the position is not known: the place is after the last command that is executed for certain, which may
     draw up to the queue's length twice but leaves no gap. None when the counters fit nowhere: they were changed since.
-    `start` is where the counters stood when the program began, `first` the stroke that it begins with. The earliest place is
-    taken where several fit. Where none does, because a hold on the path has replaced commands since the part began, a place on
-    the stroke that was being drawn is taken.
+    `start` is where the counters stood when the program began, `first` the stroke that it begins with. Where several places
+    fit, the end of one of the commands that a board without a host would have come to is taken, else the earliest. Where none
+    does, because damage has cost the journal the hold that replaced commands since the part began, a place on the stroke that
+    was being drawn is taken.
     Linear in the commands of the program up to the place.
     """
     if state.sent == 0 and steps in (None, start):
         return Place(0, None, False, start, 0.0, first)
+    # The number of the first command after which a board without a host can have stood still.
+    ran_on_from = state.sent - LEASE - _UNANSWERED - 1 if _left_alone(state) else state.sent
+    found: Place | None = None
     elsewhere: Place | None = None
-    for piece in _pieces(program, firmware, start, first):
+    for piece in _pieces(_as_sent(program, state.held), firmware, start, first):
         if piece.index < state.executed - 1 or (steps is not None and piece.index >= state.sent):
-            on_stroke = state.stroke is not None and piece.stroke == state.stroke and piece.pen_down
-            if steps is not None and elsewhere is None and on_stroke and _between(piece, steps):
+            on_stroke = state.held is None and state.stroke is not None and piece.stroke == state.stroke and piece.pen_down
+            if steps is not None and elsewhere is None and on_stroke:
                 elsewhere = _inside(piece, steps)
             continue
         if steps is None:
             if piece.index == state.executed - 1 or state.executed == 0:
                 return _after(piece) if state.executed else _before(piece)
             continue
-        if piece.end == steps:
+        if piece.end == steps and piece.index >= ran_on_from:
             return _after(piece)
-        if _between(piece, steps):
-            return _inside(piece, steps)
-    return elsewhere
+        if found is None and piece.end == steps:
+            found = _after(piece)
+        if found is None and piece.index >= state.executed:
+            found = _inside(piece, steps)
+    return found or elsewhere
+
+
+def _left_alone(state: PlotState) -> bool:
+    """Whether nobody stopped the board: the program was killed, or the cable pulled."""
+    return state.ended is None or state.ended.startswith(LinkLost.__name__)
+
+
+def _as_sent(program: Program, held: Held | None) -> Iterator[Command | Mark]:
+    """The program as far as it was followed, and what a hold has sent in place of the rest."""
+    commands = 0
+    for item in program:
+        if held is not None and isinstance(item, Command):
+            if commands == held.commands:
+                break
+            commands += 1
+        yield item
+    if held is not None:
+        yield from (parse_as_sent(wire) for wire in held.wires)
 
 
 def _after(piece: _Piece) -> Place:
@@ -127,9 +167,24 @@ def _after(piece: _Piece) -> Place:
     return Place(piece.index + 1, piece.stroke, piece.pen_down, piece.end, drawn, piece.next_stroke)
 
 
-def _inside(piece: _Piece, steps: Steps) -> Place:
-    share = hypot(steps[0] - piece.start[0], steps[1] - piece.start[1])
-    drawn = piece.drawn_before + share * piece.pen_down
+def _inside(piece: _Piece, steps: Steps) -> Place | None:
+    """The place on the way of a command that is nearest to these counters; None when it is not there."""
+    if not piece.way:
+        return None
+    best, along_steps, covered = inf, 0.0, 0.0
+    for a, b in pairwise(_corners(piece.way)):
+        length = hypot(b[0] - a[0], b[1] - a[1])
+        share = 0.0
+        if length:
+            share = ((steps[0] - a[0]) * (b[0] - a[0]) + (steps[1] - a[1]) * (b[1] - a[1])) / length**2
+            share = min(max(share, 0.0), 1.0)
+        apart = hypot(a[0] + share * (b[0] - a[0]) - steps[0], a[1] + share * (b[1] - a[1]) - steps[1])
+        if apart < best:
+            best, along_steps = apart, covered + share * length
+        covered += length
+    if best > _ON_THE_WAY_STEPS:
+        return None
+    drawn = piece.drawn_before + min(along_steps, piece.length) * piece.pen_down
     return Place(piece.index, piece.stroke, piece.pen_down, steps, drawn, piece.next_stroke)
 
 
@@ -137,11 +192,14 @@ def _before(piece: _Piece) -> Place:
     return Place(piece.index, piece.stroke, False, piece.start, 0.0, piece.next_stroke)
 
 
-def _between(piece: _Piece, steps: Steps) -> bool:
-    """Inside the box of the move, two steps wider: a timed move that bends leaves the straight line between its ends."""
-    return piece.start != piece.end and all(
-        min(a, b) - 2 <= s <= max(a, b) + 2 for a, b, s in zip(piece.start, piece.end, steps, strict=True)
-    )
+def _corners(way: tuple[Segment, ...]) -> list[Steps]:
+    """The way of both motors' counters in a command, as a line."""
+    points, half = [], ONE_STEP // 2
+    for segment in way:
+        ticks = [segment.ticks * k // _LOOKS for k in range(_LOOKS + 1)]
+        (one, two), (first, second) = segment.phase, segment.profile
+        points += [((one + first.total(t) + half) // ONE_STEP, (two + second.total(t) + half) // ONE_STEP) for t in ticks]
+    return points
 
 
 def _pieces(program: Program, firmware: Firmware, start: Steps, first: int) -> Iterator[_Piece]:
@@ -156,6 +214,7 @@ def _pieces(program: Program, firmware: Firmware, start: Steps, first: int) -> I
         if not isinstance(item, Command):
             continue
         before = state.position
+        way: tuple[Segment, ...] = ()
         if isinstance(item, EM | CS):
             state = State()
             before = state.position
@@ -167,10 +226,11 @@ def _pieces(program: Program, firmware: Firmware, start: Steps, first: int) -> I
             down = False  # a low lift
         elif isinstance(item, MotionCommand):
             try:
-                state = execute(item, state).state
+                done = execute(item, state)
             except (NeverEnds, StepRateRefused):
                 return
-        piece = _Piece(index, before, state.position, stroke, down, drawn, coming)
+            state, way = done.state, done.segments
+        piece = _Piece(index, before, state.position, stroke, down, drawn, coming, way)
         yield piece
         drawn += piece.length * down
         index += 1

@@ -466,6 +466,9 @@ class Streamer:
         rest, self._holding = self._holding.result(), None
         if rest is None:
             return
+        rest = list(rest)
+        if self._journal is not None:
+            self._journal.held([item.wire() for item in rest if isinstance(item, Command)])
         self.held = True
         self._producer.close()
         self._producer = Producer(rest, self._talk.port.wake)

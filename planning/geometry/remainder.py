@@ -7,8 +7,11 @@ from numpy.typing import NDArray
 
 from planning.geometry.stroke import Stroke
 
-# The pen was followed along its motion, which cuts corners within the tolerance: the place is looked for this near (mm).
-_SEARCH_MM = 3.0
+# The pen was followed along its motion, which is shorter than the stroke by what it cuts off at every corner: the place is
+# looked for this near (mm), and further on by this part of the length that is drawn.
+_SEARCH_MM, _CUT = 3.0, 0.1
+# Of places that are as near as this to each other's distance (mm) the length drawn says which: whole steps, and the tolerance.
+_ALIKE_MM = 0.02
 # So much is drawn again, so that no gap is left.
 OVERLAP_MM = 0.1
 
@@ -19,7 +22,8 @@ def remainder(
     """The rest of `stroke` from where the pen left it, begun `overlap_mm` earlier; None when nothing is left.
 
     `drawn_mm` is the length drawn as counted along the motion; `position_mm` (2,) is where the pen stood, None when only the
-    length is known. The place is the point of the stroke nearest to `position_mm` whose length is within 3 mm of `drawn_mm`.
+    length is known. The place is the point of the stroke nearest to `position_mm` whose length is at most 3 mm less than
+    `drawn_mm`, or 3 mm and a tenth more; where the stroke passes there several times, the pass whose length is nearest to it.
     """
     points = stroke.points_mm
     run = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
@@ -41,9 +45,12 @@ def remainder(
 def _nearest(points: NDArray[np.float64], run: NDArray[np.float64], at_mm: float, position_mm: NDArray[np.float64]) -> float:
     """The length along the stroke of its point nearest to `position_mm`, among those near `at_mm`."""
     step, length = np.diff(points, axis=0), np.diff(run)
-    near = (run[1:] >= at_mm - _SEARCH_MM) & (run[:-1] <= at_mm + _SEARCH_MM) & (length > 0)
+    near = (run[1:] >= at_mm - _SEARCH_MM) & (run[:-1] <= (1.0 + _CUT) * at_mm + _SEARCH_MM) & (length > 0)
     start, step, length, run = points[:-1][near], step[near], length[near], run[:-1][near]
     share = np.clip(((position_mm - start) * step).sum(axis=1) / length**2, 0.0, 1.0)
     distance = np.hypot(*(start + share[:, None] * step - position_mm).T)
-    best = int(distance.argmin())
-    return float(run[best] + share[best] * length[best])
+    # A pass is nearest within a segment, or at an end of one whose neighbour there is no nearer.
+    apart = np.concatenate(([np.inf], distance, [np.inf]))
+    nearest = ((share > 0.0) | (distance <= apart[:-2])) & ((share < 1.0) | (distance <= apart[2:]))
+    along = (run + share * length)[nearest & (distance <= distance.min() + _ALIKE_MM)]
+    return float(along[np.abs(along - at_mm).argmin()])

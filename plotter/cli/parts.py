@@ -25,7 +25,7 @@ from output.ebb.held import PausableProgram
 from output.ebb.journal import Journal
 from output.ebb.program import Mark, PauseMark
 from output.ebb.progress import Progress, State
-from output.ebb.session import Board
+from output.ebb.session import Board, StreamResult
 from planning.motion.plan import Action, Draw, Lower, OperatorPause, Travel
 from planning.motion.travel import travel
 from plotter.board_setup import HOME_MM
@@ -84,7 +84,11 @@ def plot_in_parts(
             if stop.home_asked:
                 with suppress(OSError):  # the terminal may have been closed meanwhile
                     bar.tell("the pen is up: going home")
-                _go_home(board, setup, job, part, stop)
+                _note_part(board, journal, part)  # on the way, nothing of it having been sent
+                way = _go_home(board, setup, job, part, stop)
+                if way.outcome != "done":
+                    result = way
+                    break
                 part = replace(part, start_mm=(0.0, 0.0))
     if journal is not None:
         journal.end(result.outcome, result.steps)
@@ -96,7 +100,8 @@ def _note_part(board: Board, journal: Journal | None, part: Part | None) -> None
         facts = {} if part is None else asdict(part)
         port = Path(board.port_name)
         place = str(port.absolute()) if port.exists() else board.port_name
-        journal.part({**facts, "token": board.begin_job(), "nickname": board.nickname() or "", "port": place})
+        board_facts = {"firmware": board.firmware, "nickname": board.nickname() or "", "port": place}
+        journal.part({**facts, "token": board.begin_job(), **board_facts})
 
 
 def _beginning(setup: BoardSetup, part: Part | None, stop: StopFlag) -> Iterator[Command | Mark]:
@@ -152,8 +157,8 @@ def _part_left(job: Job, setup: BoardSetup, part: Part | None, strokes_done: int
     return Part(first + strokes_done, 0.0, here, here, False)
 
 
-def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFlag) -> None:
-    """Travel home from where the part begins, and stay in the pause."""
+def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFlag) -> StreamResult:
+    """Travel home from where the part begins, and stay in the pause. The carriage is there only when that is "done"."""
     settings = motion_settings(job.settings, job.machine)
     way = travel(np.array(part.start_mm), HOME_MM, settings.travel, settings.kinematics, settings.bounds_mm)
     stop.home_asked = stop.leave_asked = False
@@ -162,9 +167,10 @@ def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFl
         yield from prologue(setup, keep_counters=True)
         yield from encode([Travel(way)], setup)
 
-    board.stream(items(), on_progress=lambda _: None, stop=stop, drawn_before=part.stroke)
+    result = board.stream(items(), on_progress=lambda _: None, stop=stop, drawn_before=part.stroke)
     if stop.pause_reason is not None:  # else the operator has said go meanwhile
         stop.pause(AT_HOME, stop.pause_signal)
+    return result
 
 
 def _without_pause(actions: Iterator[Action], message: str) -> Iterator[Action]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from output.ebb.commands import Command
 from output.ebb.encode import BoardSetup
+from output.ebb.firmware import firmware
 from output.ebb.journal import Journal, PlotState
 from output.ebb.ports import choose_port, find_ports, wait_for_board
 from output.ebb.program import Mark
@@ -95,6 +97,12 @@ def _is_there_unlisted(port: str) -> bool:
     return all(board.device != port for board in find_ports())
 
 
+def _as_it_was(setup: BoardSetup, state: PlotState) -> BoardSetup:
+    """The set-up by which the journal's commands are numbered: the board's firmware may have been changed since."""
+    name = state.part.get("firmware")
+    return replace(setup, firmware=firmware(name)) if isinstance(name, str) else setup
+
+
 def _job_again(state: PlotState) -> Job:
     meanwhile(f"reading {state.head.get('file')} again, and looking for the place where it was left ...")
     return made_again(state)
@@ -108,7 +116,8 @@ def _all_drawn(again: Callable[[], Job], state: PlotState, board: Board) -> bool
 
     def program() -> Iterator[Command | Mark]:
         job = again()
-        yield from part_program(job, board_setup(job.settings, job.machine, board.firmware), Part.of(state.part))
+        setup = _as_it_was(board_setup(job.settings, job.machine, board.firmware), state)
+        yield from part_program(job, setup, Part.of(state.part))
 
     between_strokes = bool(state.strokes_done) and state.stroke is None
     return (between_strokes and _is_all(len(state.strokes_done), again())) or ran_out(board, state, program())
@@ -125,10 +134,13 @@ def _is_all(strokes: int, job: Job) -> bool:
 
 def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: bool) -> Place:
     """Where the plot stands. Raises BoardRefused when the board's counters fit nowhere, and home was not confirmed."""
-    part = Part.of(state.part)
+    part, setup = Part.of(state.part), _as_it_was(setup, state)
     start, first = ((0, 0), 0) if part is None else (_steps_at(part, setup), part.stroke)
+    steps = None if homed else board.steps()
+    if steps is not None and part is not None and not part.homed and not state.sent and not state.damaged:
+        start = steps  # on the way home in a pause, or there: nothing of the part has been sent
     items = part_program(job, setup, part)
-    place = find_place(items, setup.firmware, state, None if homed else board.steps(), start, first)
+    place = find_place(items, setup.firmware, state, steps, start, first)
     if place is None:
         raise BoardRefused(f"the board does not stand where this plot can have left it: {_HOME}")
     return place

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import queue
 import threading
+import time
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from output.ebb.commands import EM, SC, SM, SP, Command
 from output.ebb.control import StopFlag
 from output.ebb.firmware import firmware
-from output.ebb.journal import Journal, PlotState, differences, load
+from output.ebb.journal import Held, Journal, PlotState, differences, load
 from output.ebb.program import Mark, StrokeEnd, StrokeMark
 from output.ebb.progress import Progress
 from output.ebb.resume import find_place, position_lost
@@ -125,6 +126,24 @@ def test_a_journal_goes_on_after_a_torn_line(tmp_path: Path) -> None:
     assert (state.parts, state.executed, state.ended, state.steps, state.strokes_done) == (2, 0, "stopped", (5, 6), {0, 1})
 
 
+def test_what_a_pause_sends_instead_is_read_until_the_next_part(tmp_path: Path) -> None:
+    """It takes the place of what follows the commands that were really sent, not of those that were written ahead."""
+    path = tmp_path / "j"
+    with Journal.begin(path, HEAD) as journal:
+        journal.part({"token": 7})
+        for n in range(1, 8):
+            journal.sent(n)
+        journal.held(["SM,30,5,0", "SP,1,50"])
+        journal.sent(8)
+        state = load(path)
+        assert state is not None
+        assert state.held == Held(7, ("SM,30,5,0", "SP,1,50"))
+        journal.part({"token": 8})
+    state = load(path)
+    assert state is not None
+    assert state.held is None
+
+
 def test_no_journal_and_other_files_are_none(tmp_path: Path) -> None:
     assert load(tmp_path / "missing") is None
     (tmp_path / "other").write_bytes(b"<svg/>\n" * 100)
@@ -178,6 +197,61 @@ def test_it_reaches_the_disk_at_pen_up_and_within_a_second(tmp_path: Path, monke
         assert synced.get(timeout=20) == (1.0, True)
         journal.executed(Progress(commands_executed=3))
         assert synced.get(timeout=20) == (1.0, False)
+
+
+def test_nothing_is_open_while_the_new_journal_gets_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows refuses to rename a file that is open. Killed before it has its name, the journal before it is still there."""
+    path, opened = tmp_path / "j", set[int]()
+    write(path)
+    before, open_file, close_file, rename = path.read_bytes(), os.open, os.close, Path.replace
+
+    def opening(*args: Any) -> int:
+        opened.add(descriptor := open_file(*args))
+        return descriptor
+
+    def closing(descriptor: int) -> None:
+        opened.discard(descriptor)
+        close_file(descriptor)
+
+    def renaming(fresh: Path, to: Path) -> Path:
+        assert not opened
+        assert path.read_bytes() == before
+        assert load(fresh) is not None, "its head is whole"
+        return rename(fresh, to)
+
+    monkeypatch.setattr("output.ebb.journal.os.open", opening)
+    monkeypatch.setattr("output.ebb.journal.os.close", closing)
+    monkeypatch.setattr(Path, "replace", renaming)
+    with Journal.begin(path, HEAD) as journal:
+        journal.end("done")
+    state = load(path)
+    assert state is not None
+    assert (state.ended, state.executed) == ("done", 0)
+
+
+def test_what_is_written_while_the_disk_is_busy_reaches_it_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The journal is closed while an fsync runs that has begun before its last record."""
+    fsync, begun, go_on = os.fsync, threading.Event(), threading.Event()
+    synced_bytes: list[int] = []
+
+    def slowly(descriptor: int) -> None:
+        synced_bytes.append(os.fstat(descriptor).st_size)
+        fsync(descriptor)
+        if threading.current_thread().name == "journal-sync" and not begun.is_set():
+            begun.set()
+            assert go_on.wait(20)
+
+    monkeypatch.setattr("output.ebb.journal.os.fsync", slowly)
+    journal = Journal.begin(tmp_path / "j", HEAD)
+    assert begun.wait(20)
+    journal.end("stopped")
+    closer = threading.Thread(target=journal.close)
+    closer.start()
+    while not journal._closing.is_set():
+        time.sleep(0.001)
+    go_on.set()
+    closer.join(20)
+    assert synced_bytes[-1] == (tmp_path / "j").stat().st_size
 
 
 def test_differences_name_what_changed() -> None:
@@ -268,3 +342,53 @@ def test_a_place_inside_a_stroke_knows_how_much_is_drawn() -> None:
     unknown = find_place(items, firmware("3.0.3"), state, None)
     assert unknown is not None
     assert unknown.command == 6
+
+
+def state_of(executed: int, sent: int, ended: str | None = None) -> PlotState:
+    return PlotState(HEAD, {}, 1, executed, sent, frozenset(), 0, None, 0.0, ended, 0)
+
+
+def test_a_place_within_a_command_is_on_its_way() -> None:
+    """The first command's box holds the whole of the second: whoever stands there was not on the first's diagonal."""
+    items: list[Command | Mark] = [StrokeMark(0), SP(0, 50), SM(300, 400, 400), SM(200, 0, -300), SM(200, -100, 0)]
+    for steps, command, drawn in [((400, 250), 2, 565.7 + 150), ((340, 100), 3, 565.7 + 360), ((250, 250), 1, 353.6)]:
+        place = find_place(items, firmware("3.0.3"), state_of(1, 33), steps)
+        assert place is not None
+        assert (place.command, place.drawn_steps) == (command, pytest.approx(drawn, abs=0.1))
+    assert find_place(items, firmware("3.0.3"), state_of(1, 33), (200, 300)) is None
+    assert find_place(items, firmware("3.0.3"), state_of(2, 33), (250, 250)) is None, "the first was executed for certain"
+
+
+def test_a_board_that_was_left_alone_has_come_to_what_it_was_sent_last() -> None:
+    """Round a square four times and out: at its corners the counters say which only with how far the board can have come."""
+    sides = [SM(100, 50, 0), SM(100, 0, 50), SM(100, -50, 0), SM(100, 0, -50)]
+    items: list[Command | Mark] = [StrokeMark(0), SP(0, 50), *(sides * 20), SM(100, 60, 70)]
+    written_ahead = 66  # between 34 and 66 commands have been sent, at most four of the last are lost
+
+    def place(ended: str | None) -> int:
+        found = find_place(items, firmware("3.0.3"), state_of(2, written_ahead, ended), (50, 50))
+        assert found is not None
+        return found.command
+
+    assert place(None) == 31
+    assert place("LinkLost: the link to x is lost") == 31
+    assert place("BoardRefused: the board is stuck") == 3, "it was stopped, soon after what was counted last"
+
+
+def test_a_place_in_a_pause_is_looked_for_in_what_was_sent_for_it() -> None:
+    """Eight commands were sent, then a brake of 6 steps and a lift in place of 20, 21, ... steps and other strokes."""
+    items, fw = program(), firmware("3.0.3")
+    held = Held(8, ("SM,30,4,0", "SM,30,2,0", "SP,1,50"))
+
+    def place(executed: int, steps: tuple[int, int] | None) -> tuple[float, bool] | None:
+        state = PlotState(HEAD, {}, 1, executed, 40, frozenset(), 0, None, 0.0, None, 0, held=held)
+        found = find_place(items, fw, state, steps)
+        return None if found is None else (found.drawn_steps, found.pen_down)
+
+    x = 30 + 20 + 21
+    assert place(7, (x, 10)) == (pytest.approx(41), True)
+    assert place(8, (x + 3, 10)) == (pytest.approx(44), True), "in the brake"
+    assert place(8, (x + 6, 10)) == (pytest.approx(47), True), "at rest"
+    assert place(8, (x + 15, 10)) is None, "where the stroke would have gone on"
+    assert place(9, None) == (pytest.approx(45), True)
+    assert place(11, None) == (pytest.approx(47), False)

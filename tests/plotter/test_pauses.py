@@ -6,7 +6,7 @@ import contextlib
 import random
 import re
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,12 @@ DENSE = (
     + "".join(f"L{10 + 0.12 * k:.2f} {10 + 0.25 * (k % 2) + 0.02 * k:.2f}" for k in range(400))
     + '"/><path d="M10 40'
     + "".join(f"q0.5 {1.2 if k % 2 else -1.2} 1 0" for k in range(60))
+    + '"/></svg>'
+)
+# Round and round, each lap an eighth of a millimetre outside the one before.
+LAPS = DRAWING.splitlines()[0].replace("<svg", '<svg fill="none"') + (
+    '<path d="M'
+    + " ".join(f"{40 + (8 + 0.002 * t) * np.cos(t / 10):.3f},{30 + (8 + 0.002 * t) * np.sin(t / 10):.3f}" for t in range(500))
     + '"/></svg>'
 )
 # The pen comes to rest within the motion on the board, what braking takes, and the lift.
@@ -349,28 +355,146 @@ def test_what_was_cut_off_while_a_travel_was_being_held_is_resumed(
 ) -> None:
     """The cable is pulled before the place of the hold is in the journal; the board finishes what it has."""
     job, memory, operator = job_of(tmp_path, "3.0.3", FAR_APART), MemoryBoard(), Operator([at_s])
-    monkeypatch.setattr(parts, "keys", operator.keys)
-    board = connect(memory, clock=memory.clock)
-    setup = board_setup(job.settings, job.machine, board.firmware)
+    cut_off(job, memory, operator, after_s, tmp_path, monkeypatch)
+    resumed(job, memory, tmp_path)
+    check_whole(memory, job)
 
-    def pull(m: MemoryBoard) -> None:
-        operator(m)
-        if operator._asked and m.clock() - operator._asked >= after_s:
-            m.gone = True
 
-    memory.on_receive = pull
-    with pytest.raises(LinkLost), Journal.begin(tmp_path / "journal", {}) as journal:
-        plot_in_parts(board, job, setup, journal, None)
-    memory.on_receive = None
-    memory.host_stalls(3.0)
-    memory.replugged()
+@pytest.mark.parametrize(
+    ("firmware", "at_s", "after_s"), [("2.8.1", 3.0, 0.35), ("2.8.1", 3.0, 0.45), ("3.0.3", 4.0, 1.45), ("3.0.3", 4.0, 1.55)]
+)
+def test_what_was_cut_off_while_a_stroke_was_being_held_is_resumed(
+    firmware: str, at_s: float, after_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lap by lap over nearly the same place, so that a place among the commands that were not sent would do as well."""
+    job, memory, operator = job_of(tmp_path, firmware, LAPS), MemoryBoard(firmware), Operator([at_s])
+    cut_off(job, memory, operator, after_s, tmp_path, monkeypatch)
+    resumed(job, memory, tmp_path)
+    check_length(check_whole(memory, job), job)
+
+
+@pytest.mark.parametrize("after_s", [0.2, 0.3, 0.4])
+def test_what_was_stopped_while_a_stroke_was_being_held_is_resumed_from_home(
+    after_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it stood when it was stopped nobody knows; what is executed for certain is counted through the hold."""
+    job, memory, operator = job_of(tmp_path, "2.8.1", LAPS), MemoryBoard("2.8.1"), Operator([4.0])
+    ended = stopped(job, memory, operator, after_s, tmp_path, monkeypatch)
+    assert ended.result.outcome == "stopped"
+    other = MemoryBoard("2.8.1")
+    resumed(job, other, tmp_path, homed=True)
+    wanted = [stroke.points_mm for layer in job.layers for stroke in layer.strokes]
+    before, after = (ink_mm(m.record(), job.machine.kinematics()) for m in (memory, other))
+    assert compare(before + after, wanted).wanted.max_mm <= 0.05
+    assert float(np.hypot(*(np.vstack(before)[-60:] - after[0][0]).T).min()) <= 0.2
+
+
+def test_what_was_cut_off_on_the_way_home_in_a_pause_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The place of the pause is noted before; the pen is up, and the board goes home by itself."""
+    job, memory, operator = job_of(tmp_path, "3.0.3", LAPS), MemoryBoard(), Operator([3.0], key="h")
+    cut_off(job, memory, operator, 2.5, tmp_path, monkeypatch)
+    assert memory.board.state()["pen_up"]
+    resumed(job, memory, tmp_path)
+    check_length(check_whole(memory, job), job)
+
+
+def test_stopped_on_the_way_home_in_a_pause_it_has_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    job, memory, operator = job_of(tmp_path, "3.0.3", LAPS), MemoryBoard(), Operator([3.0], key="h")
+    ended = stopped(job, memory, operator, 2.5, tmp_path, monkeypatch)
+    assert ended.result.outcome == "stopped"
     state = load(tmp_path / "journal")
     assert state is not None
-    again = connect(memory, clock=memory.clock)
-    assert position_lost(again, state) is None
-    part = part_after(setup, Part.of(state.part), find_left(job, setup, state, again, homed=False))
-    assert plot_in_parts(again, job, setup, None, part).result.outcome == "done"
-    check_whole(memory, job)
+    assert state.part["start_mm"] == state.part["left_mm"], "it never was at home"
+    other = MemoryBoard()
+    resumed(job, other, tmp_path, homed=True)
+    check_length([ink for m in (memory, other) for ink in ink_mm(m.record(), job.machine.kinematics())], job)
+
+
+@pytest.mark.parametrize(("before", "since"), [("2.8.1", "3.0.3"), ("3.0.3", "2.8.1")])
+def test_a_plot_is_resumed_on_a_board_with_another_firmware(
+    before: str, since: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The board was updated, or exchanged, since the plot was cut off: its commands are not those that the journal counts."""
+    job, memory, operator = job_of(tmp_path, before, LAPS), MemoryBoard(before), Operator([5.0])
+    cut_off(job, memory, operator, 0.0, tmp_path, monkeypatch)
+    other = MemoryBoard(since)
+    resumed(job, other, tmp_path, homed=True)
+    ink = [ink_mm(m.record(), job.machine.kinematics()) for m in (memory, other)]
+    wanted = [stroke.points_mm for layer in job.layers for stroke in layer.strokes]
+    assert compare(ink[0] + ink[1], wanted).wanted.max_mm <= 0.05
+    inked_mm = sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in ink[0] + ink[1])
+    again_mm = inked_mm - sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in wanted)
+    on_the_board_mm = (LEAD_S + 0.2) * job.settings.draw_speed
+    assert 0 <= again_mm <= on_the_board_mm, "nobody knows how much of that was drawn when it stood still"
+
+
+def cut_off(
+    job: Job, memory: MemoryBoard, operator: Operator, after_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cable is pulled so long after the operator has asked for the pause, and put in again when the board is still."""
+
+    def pull() -> None:
+        memory.gone = True
+
+    with pytest.raises(LinkLost):
+        plotted_until(job, memory, operator, after_s, pull, tmp_path, monkeypatch)
+    memory.host_stalls(3.0)
+    memory.replugged()
+
+
+def stopped(
+    job: Job, memory: MemoryBoard, operator: Operator, after_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Ended:
+    """The operator stops it so long after having asked for the pause."""
+
+    def stop() -> None:
+        assert operator.stop is not None
+        operator.stop.stop("stopped by SIGINT", signal.SIGINT)
+
+    return plotted_until(job, memory, operator, after_s, stop, tmp_path, monkeypatch)
+
+
+def plotted_until(
+    job: Job,
+    memory: MemoryBoard,
+    operator: Operator,
+    after_s: float,
+    act: Callable[[], None],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> Ended:
+    """With a journal; `act` is called once, `after_s` after the operator has asked for the pause."""
+    monkeypatch.setattr(parts, "keys", operator.keys)
+    board = connect(memory, clock=memory.clock)
+
+    def watch(m: MemoryBoard) -> None:
+        operator(m)
+        if operator._asked and m.clock() - operator._asked >= after_s:
+            m.on_receive = None
+            act()
+
+    memory.on_receive = watch
+    with Journal.begin(tmp_path / "journal", {}) as journal:
+        return plot_in_parts(board, job, board_setup(job.settings, job.machine, board.firmware), journal, None)
+
+
+def resumed(job: Job, memory: MemoryBoard, tmp_path: Path, homed: bool = False) -> None:
+    """The rest is drawn, by what the journal and the board say."""
+    state = load(tmp_path / "journal")
+    assert state is not None
+    board = connect(memory, clock=memory.clock)
+    setup = board_setup(job.settings, job.machine, board.firmware)
+    if not homed:
+        assert position_lost(board, state) is None
+    part = part_after(setup, Part.of(state.part), find_left(job, setup, state, board, homed=homed), homed)
+    assert plot_in_parts(board, job, setup, None, part).result.outcome == "done"
+
+
+def check_length(ink: list[np.ndarray], job: Job) -> None:
+    """Nothing much is drawn twice: as much ink as the drawing is long, and an overlap."""
+    inked_mm = sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in ink)
+    wanted_mm = sum(stroke.length_mm for layer in job.layers for stroke in layer.strokes)
+    assert inked_mm == pytest.approx(wanted_mm, rel=0.003, abs=0.5)
 
 
 TWO_LAYERS = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"
