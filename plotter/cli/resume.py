@@ -137,13 +137,21 @@ def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: b
     part, setup = Part.of(state.part), _as_it_was(setup, state)
     start, first = ((0, 0), 0) if part is None else (_steps_at(part, setup), part.stroke)
     steps = None if homed else board.steps()
-    if steps is not None and part is not None and not part.homed and not state.sent and not state.damaged:
-        start = steps  # on the way home in a pause, or there: nothing of the part has been sent
+    if steps is not None and part is not None and _on_the_way(part, state):
+        start = steps
     items = part_program(job, setup, part)
     place = find_place(items, setup.firmware, state, steps, start, first)
     if place is None:
         raise BoardRefused(f"the board does not stand where this plot can have left it: {_HOME}")
     return place
+
+
+def _on_the_way(part: Part, state: PlotState) -> bool:
+    """Whether nothing of the part has been sent yet, so that the board may stand anywhere on the way home in a pause.
+
+    Not after a stop, which lets go of the motors: firmware before 2.8.0 cannot say that it did.
+    """
+    return not (part.homed or state.sent or state.damaged or state.ended == "stopped")
 
 
 def _steps_at(part: Part, setup: BoardSetup) -> tuple[int, int]:

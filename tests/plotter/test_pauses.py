@@ -24,7 +24,7 @@ from output.ebb.session import connect
 from output.ebb.stream import LEAD_S
 from output.ebb.verify import Report, verify
 from output.ebb.verify_compare import compare
-from output.errors import LinkLost
+from output.errors import BoardRefused, LinkLost
 from plotter.board_setup import board_setup
 from plotter.cli import parts
 from plotter.cli.keys import press
@@ -398,14 +398,21 @@ def test_what_was_cut_off_on_the_way_home_in_a_pause_is_resumed(tmp_path: Path, 
     check_length(check_whole(memory, job), job)
 
 
-def test_stopped_on_the_way_home_in_a_pause_it_has_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    job, memory, operator = job_of(tmp_path, "3.0.3", LAPS), MemoryBoard(), Operator([3.0], key="h")
-    ended = stopped(job, memory, operator, 2.5, tmp_path, monkeypatch)
+@pytest.mark.parametrize(("firmware", "after_s"), [("3.0.3", 2.5), ("2.7.0", 1.2)])
+def test_stopped_on_the_way_home_in_a_pause_it_has_ended(
+    firmware: str, after_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Firmware 2.7.0 cannot say that the motors were let go; its counters are no place of the plot's then."""
+    job, memory, operator = job_of(tmp_path, firmware, LAPS), MemoryBoard(firmware), Operator([3.0], key="h")
+    ended = stopped(job, memory, operator, after_s, tmp_path, monkeypatch)
     assert ended.result.outcome == "stopped"
     state = load(tmp_path / "journal")
     assert state is not None
     assert state.part["start_mm"] == state.part["left_mm"], "it never was at home"
-    other = MemoryBoard()
+    board = connect(memory, clock=memory.clock)
+    with pytest.raises(BoardRefused, match="does not stand where this plot can have left it"):
+        find_left(job, board_setup(job.settings, job.machine, firmware), state, board, homed=False)
+    other = MemoryBoard(firmware)
     resumed(job, other, tmp_path, homed=True)
     check_length([ink for m in (memory, other) for ink in ink_mm(m.record(), job.machine.kinematics())], job)
 
