@@ -6,6 +6,8 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
+from output.ebb.control import SIGNALS
+
 # The same examples in every run, so that a change is judged by itself; the long loops look for new ones each time.
 settings.register_profile("same", derandomize=True)
 settings.register_profile("new", derandomize=False)
@@ -22,7 +24,7 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture(autouse=True)
 def _signals() -> Iterator[None]:
     """A plot ends with its signals ignored, for the message's sake; the next test is not to inherit that."""
-    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    numbers = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
     before = [signal.getsignal(number) for number in numbers]
     yield
     for number, handler in zip(numbers, before, strict=True):

@@ -12,7 +12,8 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+# All that would end the program and can be caught.
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2", "SIGALRM")
 
 
 class StopFlag:
@@ -102,7 +103,8 @@ class StopFlag:
 
 @contextlib.contextmanager
 def signals_stop(flag: StopFlag, *, pauses: bool = False) -> Iterator[None]:
-    """SIGINT, SIGTERM and SIGHUP ask `flag` to stop instead of ending the program; the old handlers come back afterwards.
+    """SIGINT, SIGTERM, SIGHUP, SIGQUIT and the like ask `flag` to stop instead of ending the program; the old handlers come
+    back afterwards.
 
     With `pauses`, SIGINT pauses first and stops when it comes again; in a pause that came otherwise it stops, or, where the
     flag is `unattended`, has the pause end the plot. SIGTSTP (Ctrl-Z) has the program sleep with the pen up, in the next pause,
@@ -128,13 +130,11 @@ def signals_stop(flag: StopFlag, *, pauses: bool = False) -> Iterator[None]:
             flag.stop(f"stopped by {signal.Signals(number).name}", number)
 
     before = {}
-    for name in _SIGNALS:
+    for name in (*SIGNALS, "SIGTSTP"):
         number = getattr(signal, name, None)
-        if number is not None:
+        # What is ignored stays so: SIGHUP by nohup, SIGTSTP by a shell without job control, where nothing could wake us.
+        if number is not None and (name == "SIGINT" or signal.getsignal(number) is not signal.SIG_IGN):
             before[number] = signal.signal(number, handler)
-    # A shell without job control has it ignored: nothing could wake us.
-    if stop_from_terminal is not None and signal.getsignal(stop_from_terminal) is not signal.SIG_IGN:
-        before[stop_from_terminal] = signal.signal(stop_from_terminal, handler)
     try:
         yield
     finally:
@@ -169,7 +169,7 @@ def suspend_process() -> None:
 def ignore_signals() -> None:
     """For the last moments of a program that a signal has ended: an impatient second Ctrl-C must not spoil its exit code."""
     if threading.current_thread() is threading.main_thread():
-        for name in _SIGNALS:
+        for name in SIGNALS:
             if hasattr(signal, name):
                 signal.signal(getattr(signal, name), signal.SIG_IGN)
 

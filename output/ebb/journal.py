@@ -202,7 +202,8 @@ class PlotState:
     is the one that was being drawn (None: none, as far as is known) and `steps` the last executed position that was noted.
     `ended` is why the plot ended, None when it was cut off. `damaged` lines were skipped. `began_s` is when the plot began, for
     a person to read and nothing else (Unix seconds of the wall clock); None when unknown. `held` is what a pause has sent in
-    place of the rest of the latest part, None when none has; numbers of commands go on through it.
+    place of the rest of the latest part, None when none has; numbers of commands go on through it. `stopped_at` is where the
+    motors stood when it ended, by the board's counters; None when that is not known.
     """
 
     head: Mapping[str, Any]
@@ -218,6 +219,7 @@ class PlotState:
     damaged: int
     began_s: float | None = None
     held: Held | None = None
+    stopped_at: tuple[int, int] | None = None
 
     @property
     def interrupted(self) -> bool:
@@ -237,6 +239,7 @@ class _Reading:
     board_time_s: float = 0.0
     ended: str | None = None
     held: Held | None = None
+    stopped_at: tuple[int, int] | None = None
 
     def take(self, record: Mapping[str, Any]) -> None:
         """One sound record. Damage may have removed any of its neighbours, so numbers only ever grow within a part."""
@@ -244,7 +247,7 @@ class _Reading:
         if kind == "part":
             self.part, self.parts = dict(record), self.parts + 1
             self.executed = self.sent = 0
-            self.stroke, self.steps, self.ended, self.held = None, None, None, None
+            self.stroke = self.steps = self.ended = self.held = self.stopped_at = None
         elif kind == "sent":
             self.sent = max(self.sent, int(record["n"]))
         elif kind == "held":
@@ -260,8 +263,8 @@ class _Reading:
             self.steps = _pair(record.get("steps")) or self.steps
             self.stroke = None
         elif kind == "end":
-            self.ended = str(record["why"])
-            self.steps = _pair(record.get("steps")) or self.steps
+            self.ended, self.stopped_at = str(record["why"]), _pair(record.get("steps"))
+            self.steps = self.stopped_at or self.steps
 
 
 def load(path: Path) -> PlotState | None:
@@ -300,6 +303,7 @@ def load(path: Path) -> PlotState | None:
         damaged=damaged,
         began_s=float(head["began_s"]) if isinstance(head.get("began_s"), int | float) else None,
         held=reading.held,
+        stopped_at=reading.stopped_at,
     )
 
 

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import click
 
+from output.ebb.control import SIGNALS
 from output.errors import BadCommand, BoardRefused, LinkLost
 from planning.errors import PlanningError
 from plotter.cli import standard_streams
@@ -28,8 +29,6 @@ EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
     (Interrupted, INTERRUPTED),
     (KeyboardInterrupt, INTERRUPTED),
 )
-
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class LazyGroup(click.Group):
@@ -94,7 +93,7 @@ def run(arguments: list[str] | None = None) -> int:
 
     For whoever goes on afterwards: the signals that a plot ignores in its last moments are as they were.
     """
-    before = {number: signal.getsignal(number) for name in _SIGNALS if (number := getattr(signal, name, None)) is not None}
+    before = {number: signal.getsignal(number) for name in SIGNALS if (number := getattr(signal, name, None)) is not None}
     try:
         return _run(arguments)
     finally:

@@ -136,11 +136,12 @@ def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: b
     """Where the plot stands. Raises BoardRefused when the board's counters fit nowhere, and home was not confirmed."""
     part, setup = Part.of(state.part), _as_it_was(setup, state)
     start, first = ((0, 0), 0) if part is None else (_steps_at(part, setup), part.stroke)
-    steps = None if homed else board.steps()
+    steps = board.steps() if not homed else state.stopped_at if state.ended == "stopped" else None
     if steps is not None and part is not None and _on_the_way(part, state):
         start = steps
-    items = part_program(job, setup, part)
-    place = find_place(items, setup.firmware, state, steps, start, first)
+    place = find_place(part_program(job, setup, part), setup.firmware, state, steps, start, first)
+    if place is None and homed:  # nor where it was stopped: after what is executed for certain, then
+        place = find_place(part_program(job, setup, part), setup.firmware, state, None, start, first)
     if place is None:
         raise BoardRefused(f"the board does not stand where this plot can have left it: {_HOME}")
     return place

@@ -96,7 +96,9 @@ def interrupt(tmp_path: Path, delay_s: float, numbers: list[int], between_s: flo
         return said
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM]
+)
 def test_each_signal_raises_the_pen_and_stops_the_motors(number: int, tmp_path: Path) -> None:
     said = interrupt(tmp_path, 0.4, [number])
     assert signal.Signals(number).name in said["reason"]

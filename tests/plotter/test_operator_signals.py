@@ -74,6 +74,18 @@ def test_in_the_last_moments_signals_are_ignored(
     assert memory.board.state()["pen_up"]
 
 
+def test_a_hangup_that_is_ignored_does_not_end_a_plot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By nohup: the terminal may go."""
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+
+    def hang_up(memory: MemoryBoard, _stop: StopFlag) -> None:
+        if memory.clock() > 3.0:
+            os.kill(os.getpid(), signal.SIGHUP)
+
+    ended, _ = plotted(tmp_path, monkeypatch, on_receive=hang_up)
+    assert ended.result.outcome == "done"
+
+
 def test_ctrl_c_between_two_streams_of_a_plot_stops_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A pause has just brought the pen to rest; the part that follows is being noted."""
     operator, note, noted = Operator([3.0]), parts._note_part, []

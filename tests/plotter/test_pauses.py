@@ -389,6 +389,24 @@ def test_what_was_stopped_while_a_stroke_was_being_held_is_resumed_from_home(
     assert float(np.hypot(*(np.vstack(before)[-60:] - after[0][0]).T).min()) <= 0.2
 
 
+@pytest.mark.parametrize("firmware", ["3.0.3", "3.0.0", "2.8.1"])
+@pytest.mark.parametrize("at_s", [2.1, 3.3, 4.7])
+def test_what_was_stopped_in_a_stroke_is_resumed_from_home_where_it_was_stopped(
+    at_s: float, firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the counters at the stop: more than a second was on the board, of which nobody has counted how much was drawn. Older
+    firmware goes on after a stop with what it has queued, and its counters are no place of the drawing."""
+    job, memory, operator = job_of(tmp_path, firmware, LAPS), MemoryBoard(firmware), Operator([at_s])
+    assert stopped(job, memory, operator, 0.0, tmp_path, monkeypatch).result.outcome == "stopped"
+    other = MemoryBoard(firmware)
+    resumed(job, other, tmp_path, homed=True)
+    ink = [line for m in (memory, other) for line in ink_mm(m.record(), job.machine.kinematics())]
+    wanted = [stroke.points_mm for layer in job.layers for stroke in layer.strokes]
+    assert compare(ink, wanted).wanted.max_mm <= 0.05
+    inked_mm, wanted_mm = (sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines) for lines in (ink, wanted))
+    assert abs(inked_mm - wanted_mm) <= (0.5 if firmware.startswith("3") else 4.0) + 0.002 * wanted_mm
+
+
 def test_what_was_cut_off_on_the_way_home_in_a_pause_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The place of the pause is noted before; the pen is up, and the board goes home by itself."""
     job, memory, operator = job_of(tmp_path, "3.0.3", LAPS), MemoryBoard(), Operator([3.0], key="h")
