@@ -345,8 +345,7 @@ class Board:
                 self._goes_on = False
                 report = self.safe_stop(free_motors=free_motors)
                 progress = streamer.progress if streamer is not None else Progress()
-                # Before firmware 3 a move that is queued is made after the stop, from where the one before it was cut off.
-                steps = self.steps() if report.pen_up and self.abilities.stop_clears else None
+                steps = self.steps() if report.pen_up else None
                 return StreamResult("stopped", stop.reason or "", progress, steps, report, stop.signal_number)
             except BaseException as error:
                 self._goes_on = False

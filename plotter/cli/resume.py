@@ -136,7 +136,7 @@ def _place(job: Job, setup: BoardSetup, state: PlotState, board: Board, homed: b
     """Where the plot stands. Raises BoardRefused when the board's counters fit nowhere, and home was not confirmed."""
     part, setup = Part.of(state.part), _as_it_was(setup, state)
     start, first = ((0, 0), 0) if part is None else (_steps_at(part, setup), part.stroke)
-    steps = board.steps() if not homed else state.stopped_at if state.ended == "stopped" else None
+    steps = _stopped_at(state, setup) if homed else board.steps()
     if steps is not None and part is not None and _on_the_way(part, state):
         start = steps
     place = find_place(part_program(job, setup, part), setup.firmware, state, steps, start, first)
@@ -153,6 +153,12 @@ def _on_the_way(part: Part, state: PlotState) -> bool:
     Not after a stop, which lets go of the motors: firmware before 2.8.0 cannot say that it did.
     """
     return not (part.homed or state.sent or state.damaged or state.ended == "stopped")
+
+
+def _stopped_at(state: PlotState, setup: BoardSetup) -> tuple[int, int] | None:
+    """Where the motors stood when the operator stopped the plot; None when that is not known. Before firmware 3 a move that is
+    queued is made after the stop, from wherever the one before it was cut off."""
+    return state.stopped_at if state.ended == "stopped" and setup.firmware.version >= (3, 0, 0) else None
 
 
 def _steps_at(part: Part, setup: BoardSetup) -> tuple[int, int]:
