@@ -35,15 +35,6 @@ DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" width="100mm" height="60mm"
   <path d="M10 50L30 45L50 55L70 45L90 50"/></svg>"""
 
 
-@pytest.fixture
-def drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    file = tmp_path / "drawing.svg"
-    file.write_text(DRAWING)
-    return file
-
-
 class Screen:
     """Reads what a program shows on its terminal, and goes on reading."""
 

@@ -18,15 +18,6 @@ DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" width="40mm" height="20mm" 
 PLOTTER = 'exec "$0" -c "import sys; from plotter.cli.main import main; main(sys.argv[1:])" "$@"'
 
 
-@pytest.fixture
-def drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    file = tmp_path / "drawing.svg"
-    file.write_text(DRAWING)
-    return file
-
-
 def called(redirection: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     """The program with its streams redirected by a shell, which can close them."""
     command = ["sh", "-c", f"{PLOTTER} {redirection}", sys.executable, *arguments]

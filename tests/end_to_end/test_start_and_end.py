@@ -22,22 +22,13 @@ from plotter.settings import resolve
 from plotter.svg.options import ReadOptions
 
 MACHINE = load_machine("axidraw-v3")
-LINES = """<svg xmlns="http://www.w3.org/2000/svg" width="100mm" height="60mm" viewBox="0 0 100 60" stroke="black">
+DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" width="100mm" height="60mm" viewBox="0 0 100 60" stroke="black">
   <path d="M10 10H14"/><path d="M60 30H64"/><path d="M90 50H94"/></svg>"""
 LAYERS = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape" width="60mm"
   height="40mm" viewBox="0 0 60 40" fill="none" stroke="black">
   <g inkscape:groupmode="layer" inkscape:label="notes"><path d="M1 1h5"/></g>
   <g inkscape:groupmode="layer" inkscape:label="10 last"><path d="M1 2h5" stroke="red"/></g>
   <g inkscape:groupmode="layer" inkscape:label="! 2 first"><path d="M1 3h5"/><path d="M1 5h5" stroke="red"/></g></svg>"""
-
-
-@pytest.fixture
-def drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    file = tmp_path / "drawing.svg"
-    file.write_text(LINES)
-    return file
 
 
 def place_mm(board: VirtualBoard) -> np.ndarray:
@@ -121,7 +112,7 @@ def test_layers_come_in_the_order_asked_for(flags: dict[str, Any], names: list[s
 
 def test_a_random_order_is_another_for_each_seed_and_the_same_for_one(drawing: Path) -> None:
     lines = "".join(f'<path d="M{5 + 3 * k} 10v20"/>' for k in range(20))
-    drawing.write_text(LINES.split("<path", 1)[0] + lines + "</svg>")
+    drawing.write_text(DRAWING.split("<path", 1)[0] + lines + "</svg>")
 
     def order(**flags: Any) -> list[float]:
         actions = planned(prepare(str(drawing), ReadOptions(), resolve({"order": "random", **flags}).values))
