@@ -1,12 +1,11 @@
 """What the tests share: the flag that renews golden files, and how examples of property tests are chosen."""
 
-import signal
 from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
 
-from output.ebb.control import SIGNALS
+from output.ebb.control import signals_as_they_were
 
 # The same examples in every run, so that a change is judged by itself; the long loops look for new ones each time.
 settings.register_profile("same", derandomize=True)
@@ -24,8 +23,5 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture(autouse=True)
 def _signals() -> Iterator[None]:
     """A plot ends with its signals ignored, for the message's sake; the next test is not to inherit that."""
-    numbers = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
-    before = [signal.getsignal(number) for number in numbers]
-    yield
-    for number, handler in zip(numbers, before, strict=True):
-        signal.signal(number, handler)
+    with signals_as_they_were():
+        yield

@@ -166,6 +166,18 @@ def suspend_process() -> None:
         signal.signal(signal.SIGTSTP, signal.SIG_DFL if before is None else before)
 
 
+@contextlib.contextmanager
+def signals_as_they_were() -> Iterator[None]:
+    """Afterwards every signal does what it did before: for whoever goes on after a command that has ended with them ignored."""
+    before = {number: signal.getsignal(number) for name in SIGNALS if (number := getattr(signal, name, None)) is not None}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            if signal.getsignal(number) is not handler:
+                signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
 def ignore_signals() -> None:
     """For the last moments of a program that a signal has ended: an impatient second Ctrl-C must not spoil its exit code."""
     if threading.current_thread() is threading.main_thread():

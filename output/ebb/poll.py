@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from output.ebb.abilities import Abilities
 from output.ebb.conversation import Conversation
+from output.errors import PositionLost
 
 FIFO_BIT, EXECUTING_BIT, PEN_UP_BIT, BUTTON_BIT, POWER_LOST_BIT = 0x01, 0x08, 0x10, 0x20, 0x40
 
@@ -27,6 +28,14 @@ class Seen:
     power_lost: bool = False
     steps: tuple[int, int] | None = None
     token: int | None = None
+
+
+def supply_lost() -> PositionLost:
+    """What a plot ends with whose motors have been without power: they do not follow what the board counts."""
+    return PositionLost(
+        "the motors' power was lost during the plot, so that the machine is not where the board counts it",
+        "check the power supply",
+    )
 
 
 class Poll:

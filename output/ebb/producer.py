@@ -29,15 +29,15 @@ def still_planning() -> bool:
     return any(thread.name == _THREAD_NAME for thread in threading.enumerate())
 
 
-def items_of(items: Iterable[Item], seconds: float) -> int:
-    """How many of the items come to so much board time; all, when they come to less."""
+def items_of(items: Iterable[Item], seconds: float) -> int | None:
+    """How many of the items come to so much board time; None when all of them come to less."""
     count = 0
     for item in items:
         if seconds <= 0:
             break
         seconds -= board_time_s(item) if isinstance(item, Command) else 0.0
         count += 1
-    return count
+    return count if seconds <= 0 else None
 
 
 class Errand(Generic[Result]):
@@ -102,16 +102,13 @@ class Producer:
         with self._changed:
             if self._ended or len(self._items) > self._capacity // 2:
                 return True
-            for item in self._items:
-                seconds -= board_time_s(item) if isinstance(item, Command) else 0.0
-                if seconds <= 0:
-                    return True
-            return False
+            return items_of(self._items, seconds) is not None
 
     def ahead(self, seconds: float) -> int:
         """How many items to take until so much board time has been taken; those that wait, when they are less."""
         with self._changed:
-            return items_of(self._items, seconds)
+            count = items_of(self._items, seconds)
+            return len(self._items) if count is None else count
 
     def until(self, kind: type[Mark]) -> list[Item] | None:
         """The items before the next mark of this kind, or before the end; None while that has not been made."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from output.ebb import arithmetic, arithmetic_old
+from output.ebb.abilities import Abilities
 from output.ebb.arithmetic import (
     ONE_STEP,
     STILL,
@@ -319,7 +320,7 @@ class Replay:
             case CU(number=10 | 54, value=1):
                 self.warnings.append(f"{command.wire()} changes how the board answers, which whoever sends this may not expect")
             case CU() | QG() | QB() | SL():
-                takes = what_it_takes_from_a_stream(command, 32 if self.firmware.version >= (3, 0, 0) else 1)
+                takes = what_it_takes_from_a_stream(command, Abilities(self.firmware.name, self.firmware.version).variables)
                 warning = f"{command.wire()} {takes}: `plotter send` refuses it"
                 if takes is not None and warning not in self.warnings:
                     self.warnings.append(warning)

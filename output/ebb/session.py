@@ -22,7 +22,7 @@ from output.ebb.conversation import REPLY_TIMEOUT_S, Clock, Conversation
 from output.ebb.handshake import greet
 from output.ebb.link import ChecksummedPort, Port, SerialPort
 from output.ebb.nickname import wrong_nickname
-from output.ebb.poll import POWER_LOST_BIT
+from output.ebb.poll import EXECUTING_BIT, FIFO_BIT, POWER_LOST_BIT, supply_lost
 from output.ebb.program import SUPPLY_SLOT, TOKEN_SLOT, Program
 from output.ebb.progress import Progress, Recorder, State
 from output.ebb.protocol import Syntax
@@ -174,7 +174,7 @@ class Board:
     def is_moving(self) -> bool:
         """Whether anything executes or waits on the board."""
         if self.abilities.status_query == "QG":
-            return bool(self._status() & 0x09)
+            return bool(self._status() & (FIFO_BIT | EXECUTING_BIT))
         return "1" in self.query("QM").split(",")
 
     def clear(self) -> None:
@@ -261,10 +261,7 @@ class Board:
         USB alone keeps the logic alive: moves would be acknowledged, counted, and not made.
         """
         if self._goes_on and self.supply_failed():
-            raise PositionLost(
-                "the motors' power was lost during the plot, so that the machine is not where the board counts it",
-                "check the power supply",
-            )
+            raise supply_lost()
         counts = int(self.query("QC").split(",")[1])
         if counts < _LEAST_SUPPLY_COUNTS:
             raise BoardRefused(

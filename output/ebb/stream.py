@@ -23,7 +23,7 @@ from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, complaint, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.low_lift import LowLift
-from output.ebb.poll import Poll, Seen
+from output.ebb.poll import Poll, Seen, supply_lost
 from output.ebb.producer import Errand, Producer
 from output.ebb.program import (
     ApproachMark,
@@ -314,10 +314,7 @@ class Streamer:
         if seen.pen_up is not None:
             self._set(pen_up=seen.pen_up)
         if seen.power_lost:
-            raise PositionLost(
-                "the motors' power was lost during the plot, so that the machine is not where the board counts it",
-                "check the power supply",
-            )
+            raise supply_lost()
         if seen.button:
             self._button_pressed()
         if seen.steps is not None:

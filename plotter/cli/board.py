@@ -18,7 +18,7 @@ from output.ebb.nickname import wrong_nickname
 from output.ebb.ports import UDEV_RULE, choose_port, find_ports
 from output.ebb.program import Program
 from output.ebb.session import Board, connect
-from output.errors import BadCommand, BoardRefused
+from output.errors import BadCommand, PositionLost
 from plotter.board_setup import board_setup
 from plotter.cli.options import SIM
 from plotter.cli.standard_streams import done
@@ -259,19 +259,13 @@ def _let_go(port: str | None, settings: Settings) -> None:
 def position_mm(one: Board, settings: Settings) -> np.ndarray:
     """Where the carriage is, in machine millimetres from home (2,), by the board's own count.
 
-    Raises BoardRefused when the motors were let go, or their supply has failed, away from home: the count says nothing then.
+    Raises PositionLost when the motors were let go, or their supply has failed, away from home: the count says nothing then.
     """
     steps = one.steps()
-    if steps != (0, 0) and one.motors_off():
-        raise BoardRefused(
-            f"the motors were switched off at {steps[0]}, {steps[1]} steps from home, so that the position is not known: "
-            "run `plotter align` and push the carriage to its home corner"
-        )
-    if steps != (0, 0) and one.supply_failed():
-        raise BoardRefused(
-            f"the motors' power failed at {steps[0]}, {steps[1]} steps from home, so that the position is not known: run "
-            "`plotter align` and push the carriage to its home corner"
-        )
+    if steps != (0, 0):
+        off = "the motors were switched off" if one.motors_off() else "the motors' power failed" if one.supply_failed() else ""
+        if off:
+            raise PositionLost(f"{off} at {steps[0]}, {steps[1]} steps from home, so that the position is not known")
     return np.asarray(settings.machine_profile().kinematics().millimetres(np.array([steps]))[0])
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import traceback
 from contextlib import suppress
@@ -11,7 +10,7 @@ from typing import ClassVar
 
 import click
 
-from output.ebb.control import SIGNALS
+from output.ebb.control import signals_as_they_were
 from output.errors import BadCommand, BoardRefused, LinkLost
 from planning.errors import PlanningError
 from plotter.cli import standard_streams
@@ -93,13 +92,8 @@ def run(arguments: list[str] | None = None) -> int:
 
     For whoever goes on afterwards: the signals that a plot ignores in its last moments are as they were.
     """
-    before = {number: signal.getsignal(number) for name in SIGNALS if (number := getattr(signal, name, None)) is not None}
-    try:
+    with signals_as_they_were():
         return _run(arguments)
-    finally:
-        for number, handler in before.items():
-            if signal.getsignal(number) is not handler:
-                signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 
 def _run(arguments: list[str] | None) -> int:

@@ -64,7 +64,7 @@ def plot_in_parts(
                 settings.travel,
                 settings.pen.lift_s,
             )
-            show = partial(_show, bar, outlook, stop, listening, total)
+            show = partial(_show, bar, outlook, stop, total)
             drawn = drawn_before + total.strokes_done
             result = board.stream(items, on_progress=show, stop=stop, journal=journal, hold=items.hold, drawn_before=drawn)
             total = _together(total, result.progress)
@@ -77,7 +77,7 @@ def plot_in_parts(
                 left_at = left_at if result.reason == AT_HOME else result.reason
             else:
                 break
-            if _ends_here(stop, listening):
+            if _ends_here(stop):
                 _note_part(board, journal, part)
                 result = replace(result, outcome="paused")
                 break
@@ -129,16 +129,16 @@ class _Outlook:
             bar.expect(self.guesses_s())
 
 
-def _show(bar: Bar, outlook: _Outlook, stop: StopFlag, listening: bool, before: Progress, progress: Progress) -> None:
+def _show(bar: Bar, outlook: _Outlook, stop: StopFlag, before: Progress, progress: Progress) -> None:
     outlook.tell(bar)
-    if progress.state is State.PAUSED and _ends_here(stop, listening):
+    if progress.state is State.PAUSED and _ends_here(stop):
         stop.leave()
     bar.show(_together(before, progress), leaving=stop.leave_asked)
 
 
-def _ends_here(stop: StopFlag, listening: bool) -> bool:
+def _ends_here(stop: StopFlag) -> bool:
     """Ctrl-C with no terminal: nobody could press a key to go on."""
-    return stop.pause_signal is not None and stop.pause_reason is not None and not listening
+    return stop.pause_signal is not None and stop.pause_reason is not None and stop.unattended
 
 
 def _together(before: Progress, progress: Progress) -> Progress:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from output.wording import counted
 from plotter.cli.help import HeadedCommand, HeadedOption, Heading
+from plotter.cli.standard_streams import aside
 from plotter.errors import BadInput
 from plotter.svg.drawing import Drawing
 from plotter.svg.options import Budgets, Fills, Hidden, LayerRule, ReadOptions, Text
@@ -131,8 +131,7 @@ def read_file(file: str, options: ReadOptions) -> Drawing:
     """The drawing of `file`, `-` being standard input; its warnings go to stderr. Raises BadInput."""
     drawing = read_drawing(Path(file) if file != "-" else source_bytes(file, options)[1], options)
     for warning in drawing.warnings:
-        with suppress(OSError):  # whoever does not read the warnings is not who wanted the drawing
-            click.echo(f"warning: {warning}", err=True)
+        aside(f"warning: {warning}")
     return drawing
 
 

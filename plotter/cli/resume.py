@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from output.ebb.abilities import Abilities
 from output.ebb.commands import Command
 from output.ebb.encode import BoardSetup
 from output.ebb.firmware import firmware
@@ -158,7 +159,8 @@ def _on_the_way(part: Part, state: PlotState) -> bool:
 def _stopped_at(state: PlotState, setup: BoardSetup) -> tuple[int, int] | None:
     """Where the motors stood when the operator stopped the plot; None when that is not known. Before firmware 3 a move that is
     queued is made after the stop, from wherever the one before it was cut off."""
-    return state.stopped_at if state.ended == "stopped" and setup.firmware.version >= (3, 0, 0) else None
+    counts_on = Abilities(setup.firmware.name, setup.firmware.version).stop_clears
+    return state.stopped_at if state.ended == "stopped" and counts_on else None
 
 
 def _steps_at(part: Part, setup: BoardSetup) -> tuple[int, int]:

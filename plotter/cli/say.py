@@ -12,6 +12,7 @@ import numpy as np
 
 from output.ebb.progress import Progress as StreamProgress
 from output.ebb.progress import State
+from plotter.cli.standard_streams import aside
 from plotter.units import spoken_duration
 
 if TYPE_CHECKING:
@@ -22,17 +23,15 @@ AT_HOME = "paused at home"
 
 
 def notes(sentences: Iterable[str]) -> None:
-    """Each sentence once, on stderr; where nobody can read it, it is dropped: a plot is not its hostage."""
+    """Each sentence once, on stderr."""
     for sentence in dict.fromkeys(sentences):
-        with suppress(OSError):
-            click.echo(f"note: {sentence}", err=True)
+        aside(f"note: {sentence}")
 
 
 def meanwhile(sentence: str) -> None:
     """What is being done while nothing moves, for somebody who waits for it at a terminal."""
     if sys.stderr.isatty():
-        with suppress(OSError):
-            click.echo(sentence, err=True)
+        aside(sentence)
 
 
 def passed_over(message: str) -> str:

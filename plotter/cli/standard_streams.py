@@ -46,6 +46,12 @@ def settle() -> None:
                 os.close(null)
 
 
+def aside(sentence: str) -> None:
+    """Beside what was asked for, on standard error; where nobody can read it, it is dropped: a plot is not its hostage."""
+    with suppress(OSError):
+        click.echo(sentence, err=True)
+
+
 def done(sentence: str) -> None:
     """What was done, on standard output. A full disk there does not undo it: then it is said on standard error."""
     try:
@@ -53,5 +59,4 @@ def done(sentence: str) -> None:
     except OSError as error:
         settle()
         if error.errno not in NOBODY_READS:
-            with suppress(OSError):
-                click.echo(f"note: standard output takes no more ({error.strerror}): {sentence}", err=True)
+            aside(f"note: standard output takes no more ({error.strerror}): {sentence}")

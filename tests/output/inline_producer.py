@@ -58,11 +58,11 @@ class InlineProducer:
     def ahead(self, seconds: float) -> int:
         if self._next is None:
             return 0
-        while items_of([self._next, *self._ahead], seconds) > len(self._ahead):
+        while (count := items_of([self._next, *self._ahead], seconds)) is None:
             if (item := next(self._items, None)) is None:
-                break
+                return 1 + len(self._ahead)
             self._ahead.append(item)
-        return items_of([self._next, *self._ahead], seconds)
+        return count
 
     def close(self) -> None:
         return
