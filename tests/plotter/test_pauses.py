@@ -122,10 +122,19 @@ def plotted(
     return plot_in_parts(board, job, board_setup(job.settings, job.machine, board.firmware), None, part)
 
 
+def drawn_in(job: Job) -> list[np.ndarray]:
+    """The drawing's lines, each (n, 2) in machine millimetres."""
+    return [stroke.points_mm for layer in job.layers for stroke in layer.strokes]
+
+
+def length_mm(lines: list[np.ndarray]) -> float:
+    return sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines)
+
+
 def check_whole(memory: MemoryBoard, job: Job) -> list[np.ndarray]:
     """The ink is the drawing, and where the pen was taken up again at most 0.2 mm are drawn twice."""
     ink = ink_mm(memory.record(), job.machine.kinematics())
-    wanted = [stroke.points_mm for layer in job.layers for stroke in layer.strokes]
+    wanted = drawn_in(job)
     deviation = compare(ink, wanted)
     assert deviation.drawn.max_mm <= 0.05
     assert deviation.wanted.max_mm <= 0.05
@@ -383,7 +392,7 @@ def test_what_was_stopped_while_a_stroke_was_being_held_is_resumed_from_home(
     assert ended.result.outcome == "stopped"
     other = MemoryBoard("2.8.1")
     resumed(job, other, tmp_path, homed=True)
-    wanted = [stroke.points_mm for layer in job.layers for stroke in layer.strokes]
+    wanted = drawn_in(job)
     before, after = (ink_mm(m.record(), job.machine.kinematics()) for m in (memory, other))
     assert compare(before + after, wanted).wanted.max_mm <= 0.05
     assert float(np.hypot(*(np.vstack(before)[-60:] - after[0][0]).T).min()) <= 0.2
@@ -401,9 +410,9 @@ def test_what_was_stopped_in_a_stroke_is_resumed_from_home_where_it_was_stopped(
     other = MemoryBoard(firmware)
     resumed(job, other, tmp_path, homed=True)
     ink = [line for m in (memory, other) for line in ink_mm(m.record(), job.machine.kinematics())]
-    wanted = [stroke.points_mm for layer in job.layers for stroke in layer.strokes]
+    wanted = drawn_in(job)
     assert compare(ink, wanted).wanted.max_mm <= 0.05
-    inked_mm, wanted_mm = (sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines) for lines in (ink, wanted))
+    inked_mm, wanted_mm = length_mm(ink), length_mm(wanted)
     assert abs(inked_mm - wanted_mm) <= (0.5 if firmware.startswith("3") else 4.0) + 0.002 * wanted_mm
 
 
@@ -445,10 +454,9 @@ def test_a_plot_is_resumed_on_a_board_with_another_firmware(
     other = MemoryBoard(since)
     resumed(job, other, tmp_path, homed=True)
     ink = [ink_mm(m.record(), job.machine.kinematics()) for m in (memory, other)]
-    wanted = [stroke.points_mm for layer in job.layers for stroke in layer.strokes]
+    wanted = drawn_in(job)
     assert compare(ink[0] + ink[1], wanted).wanted.max_mm <= 0.05
-    inked_mm = sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in ink[0] + ink[1])
-    again_mm = inked_mm - sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in wanted)
+    again_mm = length_mm(ink[0] + ink[1]) - length_mm(wanted)
     on_the_board_mm = (LEAD_S + 0.2) * job.settings.draw_speed
     assert 0 <= again_mm <= on_the_board_mm, "nobody knows how much of that was drawn when it stood still"
 
@@ -517,9 +525,7 @@ def resumed(job: Job, memory: MemoryBoard, tmp_path: Path, homed: bool = False) 
 
 def check_length(ink: list[np.ndarray], job: Job) -> None:
     """Nothing much is drawn twice: as much ink as the drawing is long, and an overlap."""
-    inked_mm = sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in ink)
-    wanted_mm = sum(stroke.length_mm for layer in job.layers for stroke in layer.strokes)
-    assert inked_mm == pytest.approx(wanted_mm, rel=0.003, abs=0.5)
+    assert length_mm(ink) == pytest.approx(length_mm(drawn_in(job)), rel=0.003, abs=0.5)
 
 
 TWO_LAYERS = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"
