@@ -18,7 +18,7 @@ import pytest
 from output.ebb.journal import load
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from plotter.journals import journal_path
-from tests.end_to_end.test_resume import check_whole, drawing, plotting, wait_for_motion  # noqa: F401 - a fixture
+from tests.end_to_end.test_resume import DRAWING, check_whole, plotting, wait_for_motion  # noqa: F401 - DRAWING is the fixture's
 
 BASH = shutil.which("bash")
 needs_bash = pytest.mark.skipif(BASH is None, reason="bash is the shell with job control here")
@@ -71,7 +71,7 @@ def rests(board: VirtualBoard) -> None:
 
 
 @needs_bash
-def test_ctrl_z_sleeps_in_a_pause_and_fg_comes_back_to_it(drawing: Path) -> None:  # noqa: F811
+def test_ctrl_z_sleeps_in_a_pause_and_fg_comes_back_to_it(drawing: Path) -> None:
     with start_virtual_board() as board, Shell() as shell:
         shell.plot(drawing, board)
         time.sleep(1.0)
@@ -96,7 +96,7 @@ def test_ctrl_z_sleeps_in_a_pause_and_fg_comes_back_to_it(drawing: Path) -> None
 
 
 @needs_bash
-def test_bg_leaves_it_paused_and_fg_brings_the_keys(drawing: Path) -> None:  # noqa: F811
+def test_bg_leaves_it_paused_and_fg_brings_the_keys(drawing: Path) -> None:
     with start_virtual_board() as board, Shell() as shell:
         shell.type("stty tostop\n")  # what is written in the background would stop it as well
         shell.wait_for(r"\$ ")
@@ -127,7 +127,7 @@ def test_bg_leaves_it_paused_and_fg_brings_the_keys(drawing: Path) -> None:  # n
 
 
 @needs_bash
-def test_a_plot_that_is_begun_in_the_background_is_not_stopped_by_the_terminal(drawing: Path) -> None:  # noqa: F811
+def test_a_plot_that_is_begun_in_the_background_is_not_stopped_by_the_terminal(drawing: Path) -> None:
     with start_virtual_board(speed=4) as board, Shell() as shell:
         shell.plot(drawing, board, "&")
         shell.type("wait; echo all-$((50+5))\n")
@@ -135,7 +135,7 @@ def test_a_plot_that_is_begun_in_the_background_is_not_stopped_by_the_terminal(d
         check_whole(board, drawing)
 
 
-def test_without_a_terminal_sigtstp_is_a_first_ctrl_c(drawing: Path) -> None:  # noqa: F811
+def test_without_a_terminal_sigtstp_is_a_first_ctrl_c(drawing: Path) -> None:
     with start_virtual_board() as board:
         process = plotting(drawing, board)
         wait_for_motion(board)
