@@ -24,6 +24,8 @@ from planning.motion.windows import highest_around
 
 # A longer stroke is planned in windows: memory and work then grow with the window, and its first part is out soon.
 LONG_VERTICES, LONG_S = 600, 10.0
+# A stroke that is waited for is long earlier.
+SOON_VERTICES = 200
 WINDOW_VERTICES, WINDOW_S = 1500, 15.0
 # The first window is this part of a full one; each is twice as large as the one before.
 FIRST_WINDOW = 0.125
@@ -45,14 +47,21 @@ class _Work:
 
 
 def draw_parts(
-    strokes: Sequence[Stroke], limits: Limits, kinematics: Kinematics, first_number: int = 0, even: bool = False
+    strokes: Sequence[Stroke],
+    limits: Limits,
+    kinematics: Kinematics,
+    first_number: int = 0,
+    even: bool = False,
+    *,
+    soon: bool = False,
 ) -> Iterator[tuple[int, Motion, bool]]:
     """Motions for all strokes, in order: the stroke's index, a part of its motion, and whether that is its last part.
 
     The first part starts at rest at the stroke's first point, the last ends at rest at its last; parts in between start with
     exactly the state with which the one before ended. Short strokes are planned together at once and come whole; a long one
     is planned window by window, when its turn comes. `even` keeps each stroke's speed as even as its bends allow: no faster
-    anywhere than where it must be slowest, and no slower for that than EVEN_FLOOR of the speed limit.
+    anywhere than where it must be slowest, and no slower for that than EVEN_FLOOR of the speed limit. `soon` is for strokes of
+    which the first is waited for.
 
     Raises ImpossiblePlan naming the stroke that cannot be planned, counted from `first_number`.
     """
@@ -68,7 +77,9 @@ def draw_parts(
         corners = None if stroke.corners is None else stroke.corners[found]
         slack = thinning_mm(limits.tolerance_mm) if len(found) < len(stroke.points_mm) else 0.0
         work[i] = _Work(np.ascontiguousarray(stroke.points_mm[found]), corners, slack)
-    together = [i for i, w in work.items() if not _is_long(w.points, own[i])]
+    together = [
+        i for i, w in work.items() if not _is_long(w.points, own[i], SOON_VERTICES if soon and i == 0 else LONG_VERTICES)
+    ]
     for speed in sorted({own[i].speed_mm_s for i in together}, reverse=True):
         mine = [i for i in together if own[i].speed_mm_s == speed]
         sections = [Section(work[i].points, work[i].corners, slack_mm=work[i].slack_mm) for i in mine]
@@ -167,9 +178,9 @@ def legs(points: Array, limits: Limits, kinematics: Kinematics) -> Motion:
 # --- windows -----------------------------------------------------------------------------------------------------------
 
 
-def _is_long(points: Array, limits: Limits) -> bool:
+def _is_long(points: Array, limits: Limits, vertices: int) -> bool:
     length = float(np.hypot(*np.diff(points, axis=0).T).sum())
-    return len(points) > LONG_VERTICES or length > LONG_S * limits.speed_mm_s
+    return len(points) > vertices or length > LONG_S * limits.speed_mm_s
 
 
 def _windowed(work: _Work, limits: Limits, kinematics: Kinematics) -> Iterator[tuple[Motion, bool]]:
@@ -240,14 +251,16 @@ def _cut(section: Section, fit: Fit, ahead_s: float, limits: Limits) -> int | No
     acceleration = highest_around(np.hypot(*fit.acceleration_mm_s2.T), 5)
     choice = np.flatnonzero((time >= latest - 0.5 * ahead_s) & (time <= latest))
     for cut in choice[np.argsort(acceleration[choice])][:MOST_CUTS].tolist():
-        if _visits(paths, fit.between(0, cut), section, limits):
+        # What it leaves out is beside its last pieces; those before them are as good as the fit, which has been judged.
+        tail = int(np.searchsorted(time, time[cut] - ahead_s))
+        if _visits(paths, fit.between(tail, cut), section, limits):
             return int(cut)
     return None
 
 
 def _visits(paths: PathSet, fit: Fit, section: Section, limits: Limits) -> bool:
-    """True when the fit leaves out nothing of its path from `section.from_mm` to where it ends."""
-    span = (np.zeros(1, dtype=np.int64), np.array([section.from_mm]), fit.along_mm[-1:], fit.position_mm[-1:])
+    """True when the fit leaves out nothing of its path from where it begins to where it ends."""
+    span = (np.zeros(1, dtype=np.int64), fit.along_mm[:1], fit.along_mm[-1:], fit.position_mm[-1:])
     h = (fit.ticks * TICK_S).astype(np.float64)
     jerk = np.diff(fit.acceleration_mm_s2, axis=0) / h[:, None]
     pieces = (fit.position_mm[:-1], fit.velocity_mm_s[:-1], fit.acceleration_mm_s2[:-1], jerk)
