@@ -14,7 +14,7 @@ from typing import Generic, TypeVar, cast
 
 from output.ebb.board_time import board_time_s
 from output.ebb.commands import Command
-from output.ebb.program import Mark
+from output.ebb.program import Mark, StrokeEnd
 
 Item = Command | Mark
 Result = TypeVar("Result")
@@ -103,6 +103,18 @@ class Producer:
             if self._ended or len(self._items) > self._capacity // 2:
                 return True
             return items_of(self._items, seconds) is not None
+
+    def has_stroke(self, seconds: float) -> bool:
+        """Whether a pen that is lowered now will not have to wait: the stroke is there to its end, or so much of it.
+
+        Raises what the program raised before the stroke came to its end.
+        """
+        with self._changed:
+            if any(isinstance(item, StrokeEnd) for item in self._items):
+                return True
+            if self._error is not None:
+                raise self._error
+        return self.has_s(seconds)
 
     def ahead(self, seconds: float) -> int:
         """How many items to take until so much board time has been taken; those that wait, when they are less."""

@@ -207,6 +207,9 @@ class Streamer:
         lead_s = self.model.lead_s(self._talk.clock())
         if len(self._in_flight) >= (_PIPELINE if lead_s > _CAREFUL_LEAD_S else 1):
             return False
+        if _may_lower(command) and not self._approached and not self._producer.has_stroke(LEAD_S):
+            # A pen that is down waits for nobody.
+            return False
         if command.waits_for_idle or (not self._abilities.stop_clears and _may_lower(command)):
             # Firmware 2 keeps a pen-down in its queue through ES: were it queued behind a travel, a stop would leave a dot
             # wherever the travel was cut off. The pen is at rest before it is lowered, so that waiting costs milliseconds.
@@ -223,8 +226,7 @@ class Streamer:
             return False
         if not command.queued:
             return True
-        if isinstance(command, MotionCommand) and self._stands and not self._producer.has_s(LEAD_S):
-            # A motion that has begun must not run out in its middle, at speed, because planning is only just under way.
+        if isinstance(command, MotionCommand) and self._stands and not self._comes_to_rest():
             return False
         if command.fifo_entries > self.model.depth:
             raise BadCommand(
@@ -234,6 +236,15 @@ class Streamer:
         if self.model.room() < command.fifo_entries:
             return False
         return self._lowering or lead_s * self._speed < LEAD_S or self.model.sent - self.model.completed < 3
+
+    def _comes_to_rest(self) -> bool:
+        """Whether a motion from rest can be begun: it must not run out in its middle, at speed, because planning is only just
+
+        under way. A travel may wait at its end, unless the pen is lowered before that.
+        """
+        if self._producer.has_s(LEAD_S):
+            return True
+        return not self._approached and self._producer.until(StrokeMark) is not None
 
     def _rest_of_travel_fits(self) -> bool:
         """Whether a lowering on the way can be followed at once by the rest of its travel, without which it would leave a dot

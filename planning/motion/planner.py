@@ -114,8 +114,14 @@ def _actions(layers: Iterable[Layer], settings: MotionSettings, at: Array, end_m
             budget = min(settings.chunk_vertices, budget * 8)
             chunk = strokes[done : done + take]
             check_bounds([replace(layer, strokes=tuple(chunk))], settings.bounds_mm)
-            begun = False
-            for i, motion, last in draw_parts(chunk, settings.draw, settings.kinematics, number, settings.constant_speed):
+            begun = number == 0 and not reink and len(chunk[0].points_mm) > settings.first_chunk_vertices
+            if begun:  # the plot's first stroke takes a while to be planned: the pen travels to it meanwhile
+                start_mm = chunk[0].points_mm[0]
+                yield Travel(travel(at, start_mm, settings.travel, settings.kinematics, settings.bounds_mm))
+                yield Lower(settings.pen.lower_wait_s(lift.height), number)
+            for i, motion, last in draw_parts(
+                chunk, settings.draw, settings.kinematics, number, settings.constant_speed, soon=number == 0
+            ):
                 if not begun:
                     if reink:
                         at, lift = yield from _reink(at, lift, settings)

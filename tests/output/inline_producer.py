@@ -42,7 +42,10 @@ class InlineProducer:
     def has_s(self, seconds: float) -> bool:  # noqa: ARG002 - whatever is asked for is made at once
         return True
 
-    def until(self, kind: type[Mark]) -> list[Item]:
+    def has_stroke(self, seconds: float) -> bool:
+        return self.has_s(seconds)
+
+    def until(self, kind: type[Mark]) -> list[Item] | None:
         found = [] if self._next is None else [self._next]
         for item in self._ahead:
             if isinstance(item, kind):

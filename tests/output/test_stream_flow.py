@@ -137,6 +137,9 @@ def test_a_planner_that_is_slow_at_first_does_not_stop_the_first_travel_at_speed
         def has_s(self, seconds: float) -> bool:
             return seconds <= 0.1 or fake.now > began + 0.5
 
+        def until(self, kind: type[Mark]) -> list[Item] | None:
+            return super().until(kind) if fake.now > began + 0.5 else None
+
         def peek(self) -> Item | None:
             return super().peek() if self._taken < 5 or fake.now > began + 0.5 else None
 
@@ -155,6 +158,50 @@ def test_a_planner_that_is_slow_at_first_does_not_stop_the_first_travel_at_speed
     result = board.stream(items, on_progress=lambda _: None, stop=StopFlag())
     assert result.outcome == "done"
     assert [wire for _, wire in fake.gaps if wire.startswith("SM")] == ["SM,40,10,10"]
+
+
+def test_the_pen_waits_up_over_a_stroke_that_is_still_being_planned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The travel to it is made meanwhile, and nothing of it stops in its middle."""
+
+    class SlowStroke(InlineProducer):
+        """What follows the first lowering is there half a second after the rest, by the board's clock."""
+
+        def _planned(self) -> bool:
+            return self._taken > 4 or fake.now > began + 0.5
+
+        def has_s(self, seconds: float) -> bool:
+            return seconds <= 0.1 or self._planned()
+
+        def peek(self) -> Item | None:
+            return super().peek() if self._taken <= 4 or self._planned() else None
+
+        def take(self) -> None:
+            self._taken += 1
+            super().take()
+
+        _taken = 0
+
+    monkeypatch.setattr("output.ebb.stream.Producer", SlowStroke)
+    fake = FakeEbb()
+    board = connect(fake, clock=fake.clock)
+    board.queue_depth()
+    began = fake.now
+    items = [
+        SP(1, 10),
+        SM(40, 10, 10),
+        SM(40, 10, 10),
+        StrokeMark(0),
+        SP(0, 20),
+        *[SM(40, 90, 90)] * 6,
+        StrokeEnd(0, (1, 1)),
+        SP(1),
+    ]
+    result = board.stream(items, on_progress=lambda _: None, stop=StopFlag())
+    assert result.outcome == "done"
+    begun = {entry.wire: entry.start - began for entry in reversed(fake.executed)}
+    assert begun["SM,40,10,10"] < 0.2
+    assert begun["SP,0,20"] >= 0.5
+    assert [wire for _, wire in fake.gaps if wire.startswith("SM")] == []
 
 
 def test_an_error_of_the_program_ends_the_plot_with_the_pen_up() -> None:

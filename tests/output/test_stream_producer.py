@@ -11,7 +11,7 @@ import pytest
 from output.ebb.commands import SC, SM, SP
 from output.ebb.control import StopFlag
 from output.ebb.producer import Item, Producer
-from output.ebb.program import StrokeMark
+from output.ebb.program import StrokeEnd, StrokeMark
 from output.ebb.progress import Progress
 from output.ebb.session import connect
 from tests.output.fake_ebb import FakeEbb
@@ -196,3 +196,34 @@ def test_the_board_is_fed_while_a_hold_is_reckoned(version: tuple[int, int, int]
     moves = [entry.wire for entry in fake.executed if entry.wire.startswith("SM")]
     assert moves == [*["SM,30,10,10"] * (asked_at[0][0] - 4), "SM,31,1,1"]
     assert fake.pen_up
+
+
+def test_a_pen_is_lowered_for_a_stroke_that_is_there_to_its_end_or_for_so_much_of_it() -> None:
+    go = threading.Event()
+
+    def program() -> Iterator[Item]:
+        yield SP(0, 100)
+        yield SM(300, 1, 1)
+        go.wait(5)
+        yield StrokeEnd(0, (1, 1))
+
+    producer = Producer(program(), lambda: None)
+    wait_for(lambda: producer.has_stroke(0.4))
+    assert not producer.has_stroke(1.0)
+    go.set()
+    wait_for(lambda: producer.has_stroke(1.0))
+    producer.close()
+
+
+def test_a_stroke_that_cannot_be_planned_to_its_end_is_told_before_the_pen_is_down() -> None:
+    def broken() -> Iterator[Item]:
+        yield SP(0, 100)
+        yield SM(3000, 1, 1)
+        raise ArithmeticError("no plan")
+
+    producer = Producer(broken(), lambda: None)
+    wait_for(lambda: producer.has_s(10.0))
+    assert producer.peek() == SP(0, 100), "what came before it can still be had"
+    with pytest.raises(ArithmeticError, match="no plan"):
+        producer.has_stroke(1.0)
+    producer.close()

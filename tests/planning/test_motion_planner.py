@@ -11,7 +11,7 @@ from planning.errors import OutsideMachine
 from planning.geometry.stroke import Layer, Stroke
 from planning.motion import draw
 from planning.motion.limits import Kinematics, Limits
-from planning.motion.plan import TICK_S, Draw, Dwell, LayerStart, Lift, Lower, OperatorPause, Travel
+from planning.motion.plan import TICK_S, Draw, Dwell, LayerStart, Lift, Lower, OperatorPause, Travel, joined_motion
 from planning.motion.planner import MotionSettings, PenTiming, check_bounds, plan
 from planning.motion.travel import travel
 from tests.planning.motion_checks import assert_keeps_all_laws, samples
@@ -84,6 +84,30 @@ def test_the_first_stroke_is_planned_before_the_rest() -> None:
         draw.fit_sections = original
     assert isinstance(first[-1], Draw)
     assert 0 < sum(planned) <= 20
+
+
+def test_the_pen_travels_while_a_long_first_stroke_is_planned(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted: list[int] = []
+    original = draw.fit_sections
+
+    def watched(sections, *rest):  # type: ignore[no-untyped-def]
+        fitted.append(max(len(section.points_mm) for section in sections))
+        return original(sections, *rest)
+
+    monkeypatch.setattr(draw, "fit_sections", watched)
+    zigzag = stroke(*((20 + 0.3 * i, 50 + 2 * (i % 2)) for i in range(500)))
+    actions = plan([Layer(1, "", (zigzag, SQUARE))], settings(), np.zeros(2), None)
+    first = list(itertools.islice(actions, 3))
+    assert [type(action) for action in first] == [LayerStart, Travel, Lower]
+    assert fitted == [], "nothing of the stroke is planned yet"
+    part = next(actions)
+    assert isinstance(part, Draw)
+    assert not part.last, "a stroke that is waited for comes in parts, though it is short for that"
+    assert max(fitted) < 400
+    rest = list(actions)
+    assert [type(action) for action in rest if not isinstance(action, Draw)] == [Lift, Travel, Lower, Lift]
+    whole = [part.motion, *(action.motion for action in rest if isinstance(action, Draw) and action.stroke == 0)]
+    assert_keeps_all_laws(joined_motion(whole), zigzag.points_mm, DRAW)
 
 
 def test_a_drawing_that_sticks_out_is_refused_with_the_stroke_and_what_to_do() -> None:
