@@ -130,7 +130,10 @@ def order_in_turn(
             left -= 1
             share = replace(work, budget_s=work.budget_s * len(group) / total)
             first: list[Stroke] = []
-            wait_s = ordering_s(group, best=work.best, budget_s=share.budget_s) if options.pace is not None else 0.0
+            wait_s = 0.0
+            if options.pace is not None:
+                routes = len(_metrics(len(group), metric))
+                wait_s = ordering_s(group, best=work.best, budget_s=share.budget_s, routes=routes)
             if options.pace is not None and wait_s > SOON_S:
                 first, group = _opened(group, options, Way(at_mm, metric), share, LEAD * wait_s - ahead_s, options.pace)
                 strokes.extend(first)
@@ -225,11 +228,15 @@ class Way:
         return total
 
 
+def _metrics(count: int, metric: Metric) -> list[Metric]:
+    """By which metrics so many strokes are ordered. A few may well be stuck with one where they are not with another."""
+    return [metric] if metric is euclidean or count > FEW else [metric, euclidean]
+
+
 def _routed(joined: list[Stroke], options: OrderOptions, way: Way, work: Work) -> list[Stroke]:
-    """The shortest route that is found. A few strokes may well be stuck with one metric where they are not with another."""
-    metrics = [way.metric] if way.metric is euclidean or len(joined) > FEW else [way.metric, euclidean]
+    """The shortest route that is found."""
     routes = []
-    for metric in metrics:
+    for metric in _metrics(len(joined), way.metric):
         choices = Choices(joined, options.seams, np.random.default_rng(options.seed))
         route = Route(joined, choices, way.start_mm, way.end_mm, metric, way.following_mm)
         route.find(work)

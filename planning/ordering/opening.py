@@ -45,14 +45,14 @@ class Pace:
         return np.asarray(self.stroke_s + lengths_mm(strokes) / self.draw_mm_s)
 
 
-def ordering_s(strokes: Sequence[Stroke], *, best: bool, budget_s: float) -> float:
-    """Nominal seconds that it takes to put these strokes in order."""
+def ordering_s(strokes: Sequence[Stroke], *, best: bool, budget_s: float, routes: int = 1) -> float:
+    """Nominal seconds that it takes to put these strokes in order, so many `routes` being looked for."""
     count = len(strokes)
     preparing_s = count * PREPARING_S_PER_STROKE + int(sizes(strokes).sum()) * PREPARING_S_PER_VERTEX
     if not best:
         return preparing_s
     rounds_s = SEAM_ROUNDS * count / QUICK_STROKES_PER_S + count / THOROUGH_STROKES_PER_S
-    return preparing_s + min(budget_s, rounds_s + KICKS_PER_STROKE * count / KICKS_PER_S)
+    return preparing_s + routes * min(budget_s, rounds_s + KICKS_PER_STROKE * count / KICKS_PER_S)
 
 
 def opening(strokes: Sequence[Stroke], start_mm: Array, lead_s: float, pace: Pace, *, near: bool) -> list[int]:
@@ -61,12 +61,12 @@ def opening(strokes: Sequence[Stroke], start_mm: Array, lead_s: float, pace: Pac
     """
     ends = ends_mm(strokes)
     figure = _figures(ends)
-    count = np.arange(len(strokes))
-    away = np.hypot(*(ends - start_mm).transpose(2, 0, 1)).min(axis=1) if near else count.astype(np.float64)
-    nearest = np.full(figure.max() + 1, np.inf)
-    np.minimum.at(nearest, figure, away)
-    turn = np.lexsort((away, figure, nearest[figure])) if near else count
-    until_s = np.cumsum(pace.seconds(strokes)[turn])
+    each_s = pace.seconds(strokes)
+    if near:
+        turn = _by_distance(figure, np.hypot(*(ends - start_mm).transpose(2, 0, 1)).min(axis=1), each_s, lead_s)
+    else:
+        turn = np.arange(len(strokes))
+    until_s = np.cumsum(each_s[turn])
     least = int(np.searchsorted(until_s, lead_s)) + 1
     if least >= GREATEST_SHARE * len(strokes):
         return []
@@ -76,11 +76,31 @@ def opening(strokes: Sequence[Stroke], start_mm: Array, lead_s: float, pace: Pac
     return sorted(turn[:take].tolist()) if take < GREATEST_SHARE * len(strokes) else []
 
 
+def _by_distance(figure: Ints, away: Array, each_s: Array, lead_s: float) -> Ints:
+    """Figure by figure, the nearest first, and within each as well: as many figures as take `lead_s`, and two more."""
+    nearest = np.full(figure.max() + 1, np.inf)
+    np.minimum.at(nearest, figure, away)
+    figures = np.argsort(nearest, kind="stable")
+    until_s = np.cumsum(np.bincount(figure, each_s)[figures])
+    taken = np.zeros(len(figures), dtype=bool)
+    taken[figures[: int(np.searchsorted(until_s, lead_s)) + 3]] = True
+    rows = np.flatnonzero(taken[figure])
+    return np.asarray(rows[np.lexsort((away[rows], figure[rows], nearest[figure[rows]]))])
+
+
 def _figures(ends: Array) -> Ints:
     """Which figure each stroke belongs to: strokes whose very ends (n, 2, 2) meet are of one."""
     count = len(ends)
-    x, y = np.rint(ends.reshape(-1, 2) * 1000).T
-    column = np.unique(x, return_inverse=True)[1]
-    rows, row = np.unique(y, return_inverse=True)
-    place: Ints = np.unique(column * len(rows) + row, return_inverse=True)[1].reshape(count, 2)
+    place: Ints = np.unique(_cells(ends.reshape(-1, 2)), return_inverse=True)[1].reshape(count, 2)
     return np.asarray(hanging_together(place[:, 0], place[:, 1], 2 * count)[place[:, 0]])
+
+
+def _cells(points_mm: Array) -> Ints:
+    """A number for each point (n, 2): the same for points that are the same to the micrometre."""
+    micrometres = np.rint(points_mm * 1000).astype(np.int64)
+    x, y = (micrometres - micrometres.min(axis=0)).T
+    rows = int(y.max()) + 1
+    if (int(x.max()) + 1) * rows > np.iinfo(np.int64).max:  # kilometres of them
+        x = np.unique(x, return_inverse=True)[1]
+        y = np.unique(y, return_inverse=True)[1]
+    return np.asarray(x * (int(y.max()) + 1) + y)

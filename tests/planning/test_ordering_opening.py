@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from planning.geometry.stroke import Layer, Stroke
+from planning.motion.limits import Kinematics, Limits
 from planning.ordering.arrange import OrderOptions, merged, order_in_turn, order_layers, travel
+from planning.ordering.metric import travel_time
 from planning.ordering.opening import GREATEST_SHARE, Pace, opening, ordering_s
 
 START = np.zeros(2)
@@ -63,6 +65,33 @@ def test_what_is_in_order_soon_has_no_opening() -> None:
     assert len(list(order_in_turn(layers, with_pace(), START))) == 1
     several = [Layer(k, "", scattered(30, k)) for k in (1, 2, 3)]
     assert [piece.number for piece in order_in_turn(several, with_pace(), START)] == [1, 2, 3]
+
+
+def test_a_small_drawing_for_which_two_routes_are_looked_for_has_an_opening_earlier() -> None:
+    """A few strokes are ordered by travel time and by distance, which takes twice as long."""
+    by_time = travel_time(Kinematics(np.array([[80.0, 80.0], [80.0, -80.0]]), 25000.0), Limits(300, 3000, 200e3))
+    layers = [Layer(1, "a", scattered(50))]
+    assert len(list(order_in_turn(layers, with_pace(), START))) == 1
+    first, rest = order_in_turn(layers, with_pace(), START, by_time)
+    assert len(first.strokes) < len(rest.strokes)
+
+
+def test_the_opening_is_the_nearest_figures_wherever_they_are() -> None:
+    """Looked for among the nearest only, it is what it would be among all; kilometres away as well."""
+    strokes = [*scattered(400), *(Stroke(line.points_mm + line.points_mm[-1:] - line.points_mm[0]) for line in scattered(400))]
+    for scale in (1.0, 3e6):
+        grown = [Stroke(line.points_mm * scale) for line in strokes]
+        pace = Pace(0.4, 30.0 * scale)
+        numbers = opening(grown, START, 12.0, pace, near=True)
+        away = np.array([min(np.hypot(*line.points_mm[0]), np.hypot(*line.points_mm[-1])) for line in grown])
+        figures = away.reshape(2, 400).min(axis=0)  # each stroke and the one that goes on from its end
+        expected, took_s = set[int](), 0.0
+        for k in np.argsort(figures, kind="stable").tolist():
+            if took_s >= 12.0:
+                break
+            expected |= {k, k + 400}
+            took_s += float(pace.seconds([grown[k], grown[k + 400]]).sum())
+        assert set(numbers) == expected
 
 
 @pytest.mark.parametrize("order", ["none", "greedy", "best"])
