@@ -76,6 +76,8 @@ def cli() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 1 internal, 2 bad input, 3 refused, 4 link lost, 5 paused, 130 interrupted."""
+    # Matrices are small here: more threads for them would only wait for work, on the cores that others need.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     standard_streams.open_the_closed()
     code = _run(arguments)
     standard_streams.settle()
