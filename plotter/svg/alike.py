@@ -7,12 +7,14 @@ are drawn, and that there is nothing to say about them. So the walk only looks a
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from plotter.svg.collector import Shape
 from plotter.svg.context import Context
 from plotter.svg.matrix import is_singular, multiply, parse_transform
-from plotter.svg.shapes import Ellipse, Outline, is_shape, outline
+from plotter.svg.run import Run
+from plotter.svg.shapes import OUTLINES, Ellipse, Outline, is_shape, outline
 from plotter.svg.style import Style
 
 if TYPE_CHECKING:
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 _HARMLESS = frozenset(("transform", "opacity"))
 # Kinds of shapes remembered under one parent.
 _REMEMBERED = 20_000
+# So many are taken one by one before a run of them is looked for, and so many times as many before the next.
+_FIRST_LOOK, _LOOK_AGAIN = 500, 4
 # Until the first one is handed on: a layer is there when something is drawn in it.
 _NO_LAYER = -1
 
@@ -37,6 +41,7 @@ class Alike:
         # For each kind of shape met: what they have in common; None where they are to be looked at one by one; or how often it
         # was met, as those that come once are not worth finding out about.
         self._known: dict[Any, tuple[str, Shape] | int | None] = {}
+        self._taken, self._look_at = 0, _FIRST_LOOK
 
     def take(self, element: Any) -> bool:
         """Hands `element` to the collector if it is like one before; else the walk has to look at it."""
@@ -52,12 +57,38 @@ class Alike:
             self._learn(key, known, element, items)
             return False
         walk, (kind, shape) = self._walk, known
-        walk.count_element()
+        walk.count_elements()
         attributes = dict(items)
         found = _plain(kind, attributes) or outline(kind, attributes, self._context.frame)
         if found is not None:
             walk.collector.add(element, self._in_layer(key, kind, shape), found)
+        self._taken += kind in OUTLINES
         return True
+
+    @property
+    def may_run(self) -> bool:
+        """Whether so many were taken that a run is worth looking for; not often, as that looks at all that follow."""
+        return self._taken >= self._look_at
+
+    def take_run(self, element: Any) -> Iterator[Any]:
+        """Hands on all that follow `element`, which was taken, and are like it, if their outlines are texts.
+
+        Returns what is left after those.
+        """
+        self._look_at *= _LOOK_AGAIN
+        run = Run(element, self._keys)
+        key = (element.tag, *run.common)
+        known = self._known[key]
+        if not isinstance(known, tuple):
+            raise AssertionError(f"{key} was not taken")
+        kind, shape = known
+        name, as_path = OUTLINES.get(kind, ("", str))
+        texts = [as_path(text) for text in run.values(name) or ()]
+        if not any(texts):
+            return iter(element.itersiblings())
+        self._walk.count_elements(len(texts))
+        self._walk.collector.add_run(run, self._in_layer(key, kind, shape), texts)
+        return run.rest()
 
     def _in_layer(self, key: Any, kind: str, shape: Shape) -> Shape:
         """The shape, in the layer in which one outside of all layers comes now: another one after each layer."""

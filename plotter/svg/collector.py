@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise, repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from plotter.svg.flatten import PointBudget, Polylines
 from plotter.svg.matrix import Matrix
 from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
+from plotter.svg.run import Run
 from plotter.svg.shapes import Ellipse, Outline
 from plotter.svg.style import Style
 
@@ -65,7 +67,8 @@ class Collector:
 
     def __init__(self, options: ReadOptions, notes: Notes, name_of: Callable[[Any], str], spent: Spent) -> None:
         self.shapes: list[Shape] = []
-        self._elements: list[Any] = []  # what each shape is named after
+        # What each shape is named after: its element, or the run it is in and the number of the shape that the run begins with.
+        self._elements: list[Any | tuple[Run, int]] = []
         self._done: list[Polylines] = []
         self._batch = Batch()
         self._beside: deque[Future[Made]] = deque()
@@ -115,6 +118,19 @@ class Collector:
         if len(batch.ellipses) > _BATCH_NUMBERS // 4:
             self._flush()
 
+    def add_run(self, run: Run, shape: Shape, texts: list[str]) -> None:
+        """The path data of all elements of a run; of some it may be empty."""
+        which = np.cumsum([len(text) for text in texts]) // _BATCH_CHARACTERS
+        for at, end in pairwise([0, *(np.flatnonzero(np.diff(which)) + 1).tolist(), len(texts)]):
+            batch, first, count = self._batch, len(self.shapes), end - at
+            batch.texts.extend(texts[at:end])
+            batch.text_shapes.extend(range(first, first + count))
+            batch.characters += sum(map(len, texts[at:end]))
+            self.shapes.extend(repeat(shape, count))
+            self._elements.extend(repeat((run, first - at), count))
+            if batch.characters > _BATCH_CHARACTERS:
+                self._flush()
+
     def reserve(self, element: Any, shape: Shape) -> int:
         """A place in the painting order for a shape whose outline comes later, or never."""
         self.shapes.append(shape)
@@ -122,27 +138,35 @@ class Collector:
         return len(self.shapes) - 1
 
     def _name_of(self, index: int) -> str:
-        return self._name_element(self._elements[index])
+        element = self._elements[index]
+        if isinstance(element, tuple):
+            run, first = element
+            element = run.element(index - first)
+        return self._name_element(element)
 
     def finish(self) -> list[Polylines]:
         """Raises BadInput for an outline that cannot be drawn, and for more points than the budget."""
-        if self._pool is None:  # what is made at once is not worth a thread
-            self._take(self._next())
-            return self._done
-        self._flush()
-        while self._beside:
-            self._take(self._beside.popleft().result)
-        self._pool.shutdown()
+        self._take_beside(0)
+        self._take(self._next())
+        if self._pool is not None:
+            self._pool.shutdown()
         return self._done
 
     def _flush(self) -> None:
+        if self._batch.characters < _BATCH_CHARACTERS:  # of numbers, which a thread would make with the interpreter's lock held
+            self._take_beside(0)
+            self._take(self._next())
+            return
         if self._pool is None:
             # Loaded when there is use for it.
             from concurrent.futures import ThreadPoolExecutor
 
             self._pool = ThreadPoolExecutor(_BESIDE, "outlines")
         self._beside.append(self._pool.submit(self._next()))
-        if len(self._beside) > _BESIDE:
+        self._take_beside(_BESIDE)
+
+    def _take_beside(self, left: int) -> None:
+        while len(self._beside) > left:
             self._take(self._beside.popleft().result)
 
     def _next(self) -> Callable[[], Made]:

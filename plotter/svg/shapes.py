@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -102,18 +103,18 @@ ELLIPSES: dict[str, Callable[[Get, Frame], Ellipse | None]] = {"circle": circle,
 SHAPES: dict[str, Callable[[Get, Frame], Outline | None]] = {"rect": rect, "line": line}
 
 
-def _path(attributes: dict[str, str]) -> str:
-    data = attributes.get("d", "").strip()
+def _path_data(text: str) -> str:
+    data = text.strip()
     if data.startswith("path("):
         data = data[5:].rstrip(") \t\r\n").strip("\"'")
     return "" if data == "none" else data
 
 
-# Shapes whose outline is a text.
-OUTLINES: dict[str, Callable[[dict[str, str]], str]] = {
-    "path": _path,
-    "polyline": lambda attributes: points_as_path(attributes.get("points", ""), closed=False),
-    "polygon": lambda attributes: points_as_path(attributes.get("points", ""), closed=True),
+# Shapes whose outline is a text: the attribute that has it, and what path data it makes.
+OUTLINES: dict[str, tuple[str, Callable[[str], str]]] = {
+    "path": ("d", _path_data),
+    "polyline": ("points", partial(points_as_path, closed=False)),
+    "polygon": ("points", partial(points_as_path, closed=True)),
 }
 
 
@@ -124,7 +125,8 @@ def is_shape(kind: str) -> bool:
 def outline(kind: str, attributes: dict[str, str], frame: Frame) -> str | Outline | Ellipse | None:
     """A shape's outline as the element gives it: path data, numbers, or an ellipse; None where there is none."""
     if kind in OUTLINES:
-        return OUTLINES[kind](attributes) or None
+        name, as_path = OUTLINES[kind]
+        return as_path(attributes.get(name, "")) or None
     return ELLIPSES[kind](attributes.get, frame) if kind in ELLIPSES else SHAPES[kind](attributes.get, frame)
 
 

@@ -151,10 +151,13 @@ class Walk:
 
     def children(self, element: Any, context: Context) -> None:
         alike = Alike(self, context)
-        for child in element:
+        left = iter(element)
+        while (child := next(left, None)) is not None:
             try:
                 if not alike.take(child):
                     self.element(child, context)
+                elif alike.may_run:
+                    left = alike.take_run(child)
             except NotFinite as error:
                 raise not_finite(self, str(error), child) from None
 
@@ -165,7 +168,7 @@ class Walk:
             kind = self._kinds[tag] = self.kind(tag)
         if not kind or kind in _NEVER:
             return
-        self.count_element()
+        self.count_elements()
         items = element.items()
         style = self.cascade.style(element, kind, items, context.style, context.frame)
         if not style.displayed and self.options.hidden != "all":
@@ -201,9 +204,9 @@ class Walk:
         inner = Context(matrix, style, frame, context.layer, clips, context.level + 1, context.uses)
         self.container(element, kind, inner)
 
-    def count_element(self) -> None:
-        """Counts one element that may be drawn. Raises BadInput beyond the budget."""
-        self._element_count += 1
+    def count_elements(self, count: int = 1) -> None:
+        """Counts elements that may be drawn. Raises BadInput beyond the budget."""
+        self._element_count += count
         if self._element_count > self.options.budgets.elements:
             raise BadInput(
                 f"the drawing has more than {counted(self.options.budgets.elements, 'element')}, counting each <use>; "

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.geometry.stroke import Stroke
+from plotter.svg import alike, collector
 from plotter.svg.alike import Alike
 from plotter.svg.ellipses import flatten_ellipses, point_counts, usual
 from plotter.svg.flatten import flatten
@@ -86,13 +87,18 @@ def said(content: bytes, options: ReadOptions) -> tuple[object, list[Stroke]]:
     st.sampled_from(
         [{}, {"hidden": "all"}, {"hidden": "unpainted"}, {"fills": "skip"}, {"occlude": True}, {"fills": "close", "crop": True}]
     ),
+    st.booleans(),
 )
-def test_what_is_read_is_the_same(content: bytes, changes: dict[str, object]) -> None:
+def test_what_is_read_is_the_same(content: bytes, changes: dict[str, object], in_runs: bool) -> None:
     options = ReadOptions(text="skip", **changes)  # type: ignore[arg-type]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Alike, "take", lambda *_: False)
         facts, strokes = said(content, options)
-    facts_alike, strokes_alike = said(content, options)
+    with pytest.MonkeyPatch.context() as patch:
+        if in_runs:
+            patch.setattr(alike, "_FIRST_LOOK", 1)
+            patch.setattr(alike, "_LOOK_AGAIN", 1)
+        facts_alike, strokes_alike = said(content, options)
     assert facts_alike == facts
     for one, other in zip(strokes, strokes_alike, strict=True):
         assert one.color == other.color
@@ -100,11 +106,59 @@ def test_what_is_read_is_the_same(content: bytes, changes: dict[str, object]) ->
         assert one.points_mm == pytest.approx(other.points_mm, abs=1e-9)
 
 
+SPACED = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:i="urn:i" width="100mm" height="100mm" stroke="black">{}</svg>'
+RUNS = {
+    "paths": ('<path i:n="{0}" id="p{0}" d="M{0} 1l1 2"/>', '<path i:n="7" id="hurt" d="M1 1l1 2 oops"/>'),
+    "polylines": ('<polyline i:n="{0}" id="p{0}" points="{0},1 2,2"/>', '<polyline i:n="7" id="hurt" points="1,1 2,2 x"/>'),
+    "polygons": ('<polygon i:n="{0}" id="p{0}" points="{0},1 2,2 4,9"/>', '<polygon i:n="7" id="hurt" points="1,1 2,2 9"/>'),
+}
+
+
+@pytest.mark.parametrize("kind", RUNS)
+@pytest.mark.parametrize("stranger", ["", '<path d="M1 1L5 5" stroke="red"/>', '<g><path d="M1 1L5 5"/></g>', "<text>a</text>"])
+def test_long_runs_are_read_at_once(kind: str, stranger: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Batches are small here, so that a run comes in parts; in the middle of it may be something else."""
+    shape, damaged = RUNS[kind]
+    shapes = [shape.format(i) for i in range(1, 1500)]
+    shapes[1200] = damaged
+    content = SPACED.format("".join([*shapes[:900], stranger, *shapes[900:]])).encode()
+    taken = 0
+    take = Alike.take
+
+    def counted(own: Alike, element: object) -> bool:
+        nonlocal taken
+        taken += 1
+        return take(own, element)
+
+    monkeypatch.setattr(Alike, "take", counted)
+    monkeypatch.setattr(collector, "_BATCH_CHARACTERS", 2000)
+    facts, strokes = said(content, ReadOptions(text="skip"))
+    assert taken <= 505 if not stranger else 505 < taken < 1200
+    monkeypatch.setattr(alike, "_FIRST_LOOK", 10**9)
+    one_by_one, alone = said(content, ReadOptions(text="skip"))
+    assert facts == one_by_one
+    assert "hurt" in str(facts)
+    assert len(strokes) == len(alone) >= 1498
+    for one, other in zip(strokes, alone, strict=True):
+        assert np.array_equal(one.points_mm, other.points_mm)
+
+
+def test_a_run_of_damaged_paths_is_named_in_good_time() -> None:
+    """A second for 20,000 of them; to count to each anew would take a minute."""
+    content = HEAD.format(' stroke="black"', '<path d="M1 1L5 5 oops"/>' * 20_000).encode()
+    drawing = read_drawing(content)
+    assert drawing.stroke_count == 20_000
+    assert "20000 paths are damaged" in "".join(drawing.warnings)
+
+
 def test_the_budget_of_elements_holds_for_shapes_that_are_alike() -> None:
     content = HEAD.format(' stroke="black"', '<line x1="1" y1="1" x2="5" y2="5"/>' * 50).encode()
     assert read_drawing(content, ReadOptions(budgets=Budgets(elements=50))).stroke_count == 50
     with pytest.raises(Exception, match="more than 49 elements"):
         read_drawing(content, ReadOptions(budgets=Budgets(elements=49)))
+    many = HEAD.format(' stroke="black"', '<path d="M1 1L5 5"/>' * 2000).encode()
+    with pytest.raises(Exception, match="more than 1999 elements"):
+        read_drawing(many, ReadOptions(budgets=Budgets(elements=1999)))
     circles = HEAD.format(' stroke="black"', '<circle cx="1" cy="1" r="5"/>' * 50).encode()
     with pytest.raises(Exception, match=r"at least .* points and the limit is 200"):
         read_drawing(circles, ReadOptions(budgets=Budgets(points=200)))
