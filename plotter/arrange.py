@@ -51,9 +51,13 @@ class Placement:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Arranged:
-    """The drawing's layers in machine millimetres, where the page lies there, and what was done without being asked."""
+    """The drawing's layers in machine millimetres, their bounds (left, top, right, bottom), where the page lies there, and what
+
+    was done without being asked.
+    """
 
     layers: tuple[Layer, ...]
+    bounds_mm: tuple[float, float, float, float]
     page_mm: tuple[float, float]
     placement: Placement
     notes: tuple[str, ...]
@@ -73,9 +77,10 @@ def arrange(drawing: Drawing, settings: Settings, machine: Machine) -> Arranged:
         matrix, offset, page = _fitted(matrix, offset, page, bounds, settings, machine)
     placement = Placement(matrix, offset + np.array([settings.offset_x, settings.offset_y]))
     if placement.is_identity:
-        return Arranged(drawing.layers, page, placement, notes)
+        return Arranged(drawing.layers, bounds, page, placement, notes)
     layers = tuple(replace(layer, strokes=_placed(layer.strokes, placement)) for layer in drawing.layers)
-    return Arranged(layers, page, placement, notes)
+    placed = box_mm(placement.apply(np.array([bounds[:2], bounds[2:]])))  # by quarter turns a box stays a box
+    return Arranged(layers, placed, page, placement, notes)
 
 
 def bounds_mm(layers: tuple[Layer, ...]) -> tuple[float, float, float, float] | None:

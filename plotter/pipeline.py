@@ -19,7 +19,7 @@ from planning.motion.reinking import check_well
 from planning.ordering.arrange import OrderOptions, merged, order_in_turn
 from planning.ordering.metric import travel_time
 from planning.ordering.opening import Pace
-from plotter.arrange import Arranged, arrange, bounds_mm
+from plotter.arrange import Arranged, arrange
 from plotter.board_setup import HOME_MM
 from plotter.errors import BadInput
 from plotter.machines.profile import Machine
@@ -106,7 +106,7 @@ def prepare(file: str, reading: ReadOptions, settings: Settings, start_mm: np.nd
     drawing = read_drawing(content, reading)
     arranged = arrange(drawing, settings, machine)
     low, high = _travel_bounds(machine)
-    left, top, right, bottom = bounds_mm(arranged.layers) or (*low, *high)
+    left, top, right, bottom = arranged.bounds_mm
     if left < low[0] or top < low[1] or right > high[0] or bottom > high[1]:
         check_bounds(arranged.layers, (low, high))  # names the stroke, which takes longer
     check_well(settings.reinking(), (low, high))

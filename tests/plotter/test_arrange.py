@@ -1,6 +1,7 @@
 """Placing the page on the machine."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,6 +70,14 @@ def test_fit_fills_the_travel_within_the_margin(empty: Path) -> None:
     assert (left, right) == pytest.approx((5, 295))
     assert (top + bottom) / 2 == pytest.approx(109)
     assert (right - left) / (bottom - top) == pytest.approx(2)
+
+
+@pytest.mark.parametrize("rotate", ["0", "90", "180", "270"])
+@pytest.mark.parametrize("changes", [{}, {"scale": 0.37}, {"fit": True, "margin": "7mm"}, {"offset_x": "3.3", "scale": 1.7}])
+def test_the_bounds_are_those_of_the_placed_strokes(rotate: str, changes: dict[str, Any], empty: Path) -> None:
+    drawing = page(90, 70, *np.random.default_rng(1).uniform(3, 60, (20, 3, 2)).tolist())
+    placed = arrange(drawing, settings(empty, rotate=rotate, **changes), MACHINE)
+    assert placed.bounds_mm == bounds_mm(placed.layers), "to the last bit: what lies on the border must not lie beyond it"
 
 
 def test_scale_and_offset(empty: Path) -> None:
