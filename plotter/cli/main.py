@@ -103,7 +103,8 @@ def _run(arguments: list[str] | None) -> int:
         result = cli.main(args=arguments, prog_name="plotter", standalone_mode=False)
         sys.stdout.flush()  # here, where it can be told that it fails
         return result if isinstance(result, int) else DONE
-    except click.exceptions.Abort:
+    except click.exceptions.Abort:  # Ctrl-C while nothing is sent: what plots ends by itself, and says how
+        _say("interrupted")
         return INTERRUPTED
     except SystemExit:  # click's answer to a pipe that nobody reads any more
         return DONE

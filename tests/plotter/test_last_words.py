@@ -16,6 +16,7 @@ from output.ebb.session import connect
 from output.errors import BoardRefused, LinkLost
 from plotter.board_setup import board_setup
 from plotter.cli import parts
+from plotter.cli.main import run
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.say import Bar
 from plotter.cli.streaming import Ended, finish, told_how_to_go_on
@@ -129,3 +130,15 @@ def test_a_position_that_is_lost_is_not_looked_for_by_the_counters(
     happened.clear()
     with pytest.raises(BoardRefused, match=r"push the carriage to its home corner$"):
         plotted(tmp_path, monkeypatch, happen, resumable=False)
+
+
+def test_ctrl_c_while_the_drawing_is_read_is_answered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("plotter.pipeline.read_drawing", interrupted)
+    (tmp_path / "a.svg").write_text("<svg/>")
+    assert run(["plot", str(tmp_path / "a.svg"), "--port", "sim"]) == 130
+    assert capsys.readouterr().err.split("\n") == ["", "plotter: interrupted", ""]
