@@ -1,5 +1,6 @@
 """What the tests share: the flag that renews golden files, and how examples of property tests are chosen."""
 
+import signal
 from collections.abc import Iterator
 
 import pytest
@@ -17,6 +18,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup the program rightly ignores it, and its tests would fail
     settings.load_profile("same" if config.getoption("markexpr") == "not long" else "new")
 
 
