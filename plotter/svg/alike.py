@@ -10,6 +10,8 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from lxml import etree
+
 from plotter.svg.collector import Shape
 from plotter.svg.context import Context
 from plotter.svg.matrix import is_singular, multiply, parse_transform
@@ -71,12 +73,12 @@ class Alike:
         return self._taken >= self._look_at
 
     def take_run(self, element: Any) -> Iterator[Any]:
-        """Hands on all that follow `element`, which was taken, and are like it, if their outlines are texts.
-
-        Returns what is left after those.
-        """
+        """Hands on all that follow `element`, which was taken, and are like it, if they are of OUTLINES. Returns the rest."""
         self._look_at *= _LOOK_AGAIN
-        run = Run(element, self._keys)
+        try:
+            run = Run(element, self._keys)
+        except etree.XPathError:  # there are more than the parser's limit
+            return iter(element.itersiblings())
         key = (element.tag, *run.common)
         known = self._known[key]
         if not isinstance(known, tuple):

@@ -5,7 +5,10 @@ Nothing here knows elements, notes or other batches, so that one can be made bes
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +50,30 @@ class Made:
         return sum(len(polylines.points) for polylines in self.polylines)
 
 
+class Beside:
+    """Makes something in a thread of its own, which does not keep the program from ending."""
+
+    def __init__(self, make: Callable[[], Made]) -> None:
+        self._make = make
+        self._made: Made | None = None
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._run, daemon=True, name="computing outlines")
+        self._thread.start()
+
+    def result(self) -> Made:
+        """Waits for what is made, and raises what making it raised."""
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
+        return cast(Made, self._made)
+
+    def _run(self) -> None:
+        try:
+            self._made = self._make()
+        except Exception as error:  # handed over to who waits for the result
+            self._error = error
+
+
 class BadOutline(Exception):
     """An outline that cannot be drawn: `shape` is its shape's number."""
 
@@ -62,8 +89,9 @@ def made(batch: Batch, matrix: Floats, tolerance_mm: Floats, point_budget: int) 
     """
     found = []
     if batch.ellipses:
-        found.append(_ellipses(batch, matrix, tolerance_mm, point_budget))
-        point_budget -= len(found[0].points)
+        round_ones, batch = _ellipses(batch, matrix, tolerance_mm, point_budget)
+        found.append(round_ones)
+        point_budget -= len(round_ones.points)
     commands, damage = _commands(batch)
     _check_finite(commands, batch.first)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -79,19 +107,19 @@ def made(batch: Batch, matrix: Floats, tolerance_mm: Floats, point_budget: int) 
     return Made(found, {batch.first + shape: what for shape, what in damage.items()})
 
 
-def _ellipses(batch: Batch, matrix: Floats, tolerance_mm: Floats, point_budget: int) -> Polylines:
-    """The batch's ellipses, but for those of a size that needs to be judged, which stay in the batch."""
+def _ellipses(batch: Batch, matrix: Floats, tolerance_mm: Floats, point_budget: int) -> tuple[Polylines, Batch]:
+    """The batch's ellipses, and the batch without them but for those of a size that needs to be judged."""
     ellipses, shapes = np.array(batch.ellipses).reshape(-1, 4), np.array(batch.ellipse_shapes, dtype=np.int64)
     own = shapes - batch.first
     well = usual(ellipses, matrix[own])
-    batch.ellipses, batch.ellipse_shapes = ellipses[~well].ravel().tolist(), shapes[~well].tolist()
+    rest = replace(batch, ellipses=ellipses[~well].ravel().tolist(), ellipse_shapes=shapes[~well].tolist())
     ellipses, own = ellipses[well], own[well]
     points = int(point_counts(ellipses, matrix[own], tolerance_mm[own]).sum())
     if points > point_budget:
         raise PointBudget(points)
     polylines = flatten_ellipses(ellipses, matrix[own], tolerance_mm[own])
     polylines.path[:] = own
-    return polylines
+    return polylines, rest
 
 
 def _check_finite(commands: Commands, first: int) -> None:

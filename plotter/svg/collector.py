@@ -1,4 +1,4 @@
-"""Shapes as the walk meets them, flattened in batches so that memory stays bounded."""
+"""Shapes as the walk meets them, flattened in batches, so that what comes in between takes little memory."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise, repeat
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plotter.errors import BadInput
-from plotter.svg.batch import BadOutline, Batch, Made, made
+from plotter.svg.batch import BadOutline, Batch, Beside, Made, made
 from plotter.svg.clip import Clip
 from plotter.svg.dashes import Dashes
 from plotter.svg.flatten import PointBudget, Polylines
@@ -24,13 +24,11 @@ from plotter.svg.run import Run
 from plotter.svg.shapes import Ellipse, Outline
 from plotter.svg.style import Style
 
-if TYPE_CHECKING:
-    from concurrent.futures import Future, ThreadPoolExecutor
-
 _BATCH_CHARACTERS = 1_000_000
 _BATCH_NUMBERS = 200_000
-# So many batches are made beside the walk: numpy lets other threads run while it is at work.
-_BESIDE = 2
+# So many batches are made beside the walk, numpy letting other threads run while it is at work; and no more points in each, so
+# that what is made before the budget is found to be exceeded stays small.
+_BESIDE, _BESIDE_POINTS = 2, 2_000_000
 # Dashes are cut by length, and a polyline is a little shorter than its curve; this much finer, it no longer shows.
 _DASHED_FINER = 16.0
 
@@ -71,8 +69,7 @@ class Collector:
         self._elements: list[Any | tuple[Run, int]] = []
         self._done: list[Polylines] = []
         self._batch = Batch()
-        self._beside: deque[Future[Made]] = deque()
-        self._pool: ThreadPoolExecutor | None = None
+        self._beside: deque[tuple[Beside, Callable[[int], Made]]] = deque()
         self._options = options
         self._notes = notes
         self._name_element = name_of
@@ -146,58 +143,60 @@ class Collector:
 
     def finish(self) -> list[Polylines]:
         """Raises BadInput for an outline that cannot be drawn, and for more points than the budget."""
-        self._take_beside(0)
-        self._take(self._next())
-        if self._pool is not None:
-            self._pool.shutdown()
+        self._keep_beside(0)
+        self._keep_alone(self._next())
         return self._done
 
     def _flush(self) -> None:
-        if self._batch.characters < _BATCH_CHARACTERS:  # of numbers, which a thread would make with the interpreter's lock held
-            self._take_beside(0)
-            self._take(self._next())
+        of_numbers = self._batch.characters < _BATCH_CHARACTERS
+        make = self._next()
+        if of_numbers:  # which a thread would make with the interpreter's lock held
+            self._keep_beside(0)
+            self._keep_alone(make)
             return
-        if self._pool is None:
-            # Loaded when there is use for it.
-            from concurrent.futures import ThreadPoolExecutor
+        self._beside.append((Beside(partial(make, _BESIDE_POINTS)), make))
+        self._keep_beside(_BESIDE)
 
-            self._pool = ThreadPoolExecutor(_BESIDE, "outlines")
-        self._beside.append(self._pool.submit(self._next()))
-        self._take_beside(_BESIDE)
-
-    def _take_beside(self, left: int) -> None:
-        while len(self._beside) > left:
-            self._take(self._beside.popleft().result)
-
-    def _next(self) -> Callable[[], Made]:
-        """What makes the batch that was gathered; another one begins."""
+    def _next(self) -> Callable[[int], Made]:
+        """What makes the batch that was gathered, given how many points it may have; another one begins."""
         batch, self._batch = self._batch, Batch(len(self.shapes))
         different, which = different_shapes(self.shapes[batch.first :])
         matrix = np.array([shape.matrix for shape in different]).reshape(-1, 6)[which]
         tolerance_mm = np.array([self._tolerance_mm(shape) for shape in different])[which]
-        return partial(made, batch, matrix, tolerance_mm, self._options.budgets.points - self._spent.points)
+        return partial(made, batch, matrix, tolerance_mm)
 
-    def _take(self, result: Callable[[], Made]) -> None:
+    def _keep_beside(self, left: int) -> None:
+        """Keeps what was made beside the walk, but for the `left` batches that were begun last."""
+        while len(self._beside) > left:
+            beside, make = self._beside.popleft()
+            try:
+                self._keep(beside.result)
+            except PointBudget:
+                self._keep_alone(make)
+
+    def _keep_alone(self, make: Callable[[int], Made]) -> None:
+        left = self._options.budgets.points - self._spent.points
+        try:
+            self._keep(partial(make, left))
+        except PointBudget as error:
+            raise BadInput(
+                f"the drawing has at least {self._spent.points + error.args[0]} points and the limit is "
+                f"{self._options.budgets.points}; raise --max-points or --tolerance-curve"
+            ) from None
+
+    def _keep(self, result: Callable[[], Made]) -> None:
         try:
             found = result()
         except BadOutline as error:
             raise BadInput(f"{self._name_of(error.shape)} {error}") from None
-        except PointBudget as error:
-            raise self._too_many(error.args[0]) from None
-        if self._spent.points + found.points > self._options.budgets.points:  # together with what was made beside it
-            raise self._too_many(found.points)
+        if self._spent.points + found.points > self._options.budgets.points:
+            raise PointBudget(found.points)
         for shape, what in found.damage.items():
             self._notes.add(
                 "{count} [path is|paths are] damaged and drawn up to the damage ({names})", f"{self._name_of(shape)}: {what}"
             )
         self._spent.points += found.points
         self._done.extend(found.polylines)
-
-    def _too_many(self, points: int) -> BadInput:
-        return BadInput(
-            f"the drawing has at least {self._spent.points + points} points and the limit is {self._options.budgets.points}; "
-            "raise --max-points or --tolerance-curve"
-        )
 
     def _tolerance_mm(self, shape: Shape) -> float:
         return self._options.tolerance_mm / (_DASHED_FINER if shape.dashes is not None else 1.0)

@@ -60,4 +60,6 @@ class Run:
 
     def _qualified(self, name: str) -> str:
         space, _, local = name.rpartition("}")
-        return f"{self._prefixes.setdefault(space[1:], f's{len(self._prefixes)}')}:{local}" if space else local
+        if space:
+            return f"{self._prefixes.setdefault(space[1:], f's{len(self._prefixes)}')}:{local}"
+        return f"*[name()='{name}']" if ":" in name else name  # a prefix that the document does not declare

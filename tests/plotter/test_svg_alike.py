@@ -106,9 +106,10 @@ def test_what_is_read_is_the_same(content: bytes, changes: dict[str, object], in
         assert one.points_mm == pytest.approx(other.points_mm, abs=1e-9)
 
 
+# The prefix i is declared, the prefix u is not.
 SPACED = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:i="urn:i" width="100mm" height="100mm" stroke="black">{}</svg>'
 RUNS = {
-    "paths": ('<path i:n="{0}" id="p{0}" d="M{0} 1l1 2"/>', '<path i:n="7" id="hurt" d="M1 1l1 2 oops"/>'),
+    "paths": ('<path i:n="{0}" u:x="a" id="p{0}" d="M{0} 1l1 2"/>', '<path i:n="7" u:x="b" id="hurt" d="M1 1l1 2 oops"/>'),
     "polylines": ('<polyline i:n="{0}" id="p{0}" points="{0},1 2,2"/>', '<polyline i:n="7" id="hurt" points="1,1 2,2 x"/>'),
     "polygons": ('<polygon i:n="{0}" id="p{0}" points="{0},1 2,2 4,9"/>', '<polygon i:n="7" id="hurt" points="1,1 2,2 9"/>'),
 }

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import gc
+import threading
+import time
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
 
 from plotter.errors import BadInput
 from plotter.svg import collector
+from plotter.svg.batch import Batch, Made
 from plotter.svg.options import Budgets
 from plotter.svg.read import read_drawing
 from tests.plotter.svg_help import HEAD, page
@@ -61,6 +65,37 @@ def test_points_are_counted_together() -> None:
     page("".join(SHAPES), budgets=Budgets(points=points))
     with pytest.raises(BadInput, match=rf"at least \d+ points and the limit is {points - 1}; raise --max-points"):
         page("".join(SHAPES), budgets=Budgets(points=points - 1))
+
+
+def test_a_batch_of_very_many_points_is_made_when_it_is_known_that_they_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the walk a batch makes few, so that a bomb in every batch does not make as many at once as there are threads."""
+    monkeypatch.setattr(collector, "_BATCH_CHARACTERS", 100)
+    made: list[int] = []
+    original = collector.made
+
+    def watched(batch: Batch, matrix: Any, tolerance_mm: Any, point_budget: int) -> Made:
+        made.append(point_budget)
+        return original(batch, matrix, tolerance_mm, point_budget)
+
+    monkeypatch.setattr(collector, "made", watched)
+    monkeypatch.setattr(collector, "_BESIDE_POINTS", 1000)
+    curves = '<path d="M0 0C9e3 9e3 -9e3 9e3 50 50"/>' * 12
+    assert sum(len(s.points_mm) for s in page(curves, budgets=Budgets(points=10**6)).layers[0].strokes) > 12_000
+    assert sorted(set(made))[0] == 1000
+    assert len(made) > 12 / 2
+    with pytest.raises(BadInput, match="raise --max-points"):
+        page(curves, budgets=Budgets(points=10_000))
+    assert max(made) == 10**6
+
+
+def test_a_reading_that_fails_leaves_no_thread_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(collector, "_BATCH_CHARACTERS", 100)
+    with pytest.raises(BadInput):
+        page("".join(SHAPES) + '<path d="M0 0L1e999 5"/>' + "".join(SHAPES))
+    end_s = time.monotonic() + 5
+    while any(thread.name == "computing outlines" for thread in threading.enumerate()):
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("content", [f"{HEAD}{SHAPES[0]}</svg>".encode(), b"no drawing"])
