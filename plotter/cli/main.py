@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import traceback
 from contextlib import suppress
 from typing import ClassVar
@@ -15,6 +16,9 @@ from output.errors import BadCommand, BoardRefused, LinkLost
 from planning.errors import PlanningError
 from plotter.cli import standard_streams
 from plotter.errors import BadInput, Interrupted, Paused
+
+# Threads whose names begin so are ended with the process, whatever they are at.
+_COMPUTING = "computing"
 
 DONE, INTERNAL, BAD_INPUT, REFUSED, LINK_LOST, PAUSED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 
@@ -81,10 +85,9 @@ def main(arguments: list[str] | None = None) -> None:
     standard_streams.open_the_closed()
     code = _run(arguments)
     standard_streams.settle()
-    producer = sys.modules.get("output.ebb.producer")
-    if producer is not None and producer.still_planning():
-        # A plot that was ended early: everything is said and closed, and taking the interpreter down around a thread that is
-        # in the middle of a computation makes extension modules complain on the terminal.
+    if any(thread.name.startswith(_COMPUTING) for thread in threading.enumerate()):
+        # A plot, or a reading, that was ended early: everything is said and closed, and taking the interpreter down around a
+        # thread that is in the middle of a computation makes extension modules complain on the terminal.
         os._exit(code)
     sys.exit(code)
 
@@ -103,8 +106,9 @@ def _run(arguments: list[str] | None) -> int:
         result = cli.main(args=arguments, prog_name="plotter", standalone_mode=False)
         sys.stdout.flush()  # here, where it can be told that it fails
         return result if isinstance(result, int) else DONE
-    except click.exceptions.Abort:  # Ctrl-C while nothing is sent: what plots ends by itself, and says how
-        _say("interrupted")
+    except click.exceptions.Abort as error:  # Ctrl-C while nothing is sent: what plots ends by itself, and says how
+        asked = isinstance(error.__cause__ or error.__context__, EOFError)
+        _say("the question was not answered, and nothing was done" if asked else "interrupted")
         return INTERRUPTED
     except SystemExit:  # click's answer to a pipe that nobody reads any more
         return DONE

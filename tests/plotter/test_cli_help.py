@@ -6,13 +6,13 @@ import difflib
 import re
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
 
-import output.ebb.producer  # noqa: F401 - loaded, as it is when something was plotted
 from plotter.cli.help import EXPERT, HeadedCommand, Heading
 from plotter.cli.main import LazyGroup, cli, main, run
 from plotter.settings import Settings
@@ -100,14 +100,17 @@ def test_an_error_inside_the_program_has_its_own_exit_code(
     assert "planted" in capsys.readouterr().err
 
 
-def test_a_planner_that_is_still_busy_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_still_busy_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     ended: list[int] = []
     monkeypatch.setattr("os._exit", ended.append)
-    monkeypatch.setattr("output.ebb.producer.still_planning", lambda: True)
+    done = threading.Event()
+    busy = threading.Thread(target=done.wait, daemon=True, name="computing something")
+    busy.start()
     with pytest.raises(SystemExit):
         main(["machines", "--nonsense"])
     assert ended == [2]
-    monkeypatch.setattr("output.ebb.producer.still_planning", lambda: False)
+    done.set()
+    busy.join()
     with pytest.raises(SystemExit) as ending:
         main(["machines"])
     assert ending.value.code == 0
