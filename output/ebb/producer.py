@@ -1,7 +1,8 @@
 """Planning ahead of drawing: a thread that takes the program item by item, as far as a bounded buffer allows.
 
 The loop that owns the port never runs the planner; it only takes what is there. An exception of the planner travels through the
-buffer in its place and comes out of `peek` when everything before it has been taken.
+buffer in its place and comes out of `peek` when everything before it has been taken, or out of `has_stroke` when it is in the
+stroke.
 """
 
 from __future__ import annotations
@@ -21,12 +22,7 @@ Result = TypeVar("Result")
 # About a minute of ordinary drawing; bounds memory, while a slow stretch of planning finds this much in reserve.
 BUFFER_ITEMS = 4096
 _JOIN_S = 0.5
-_THREAD_NAME = "plan-ahead"
-
-
-def still_planning() -> bool:
-    """Whether a planner that nobody waits for any more is still busy."""
-    return any(thread.name == _THREAD_NAME for thread in threading.enumerate())
+_THREAD_NAME = "computing the plan"
 
 
 def items_of(items: Iterable[Item], seconds: float) -> int | None:
@@ -67,7 +63,10 @@ class Errand(Generic[Result]):
 
 
 class Producer:
-    """Runs through `program` in its own thread. `on_news` is called from that thread when an empty buffer gets something."""
+    """Runs through `program` in its own thread. `on_news` is called from that thread when the buffer gets something while it is
+
+    empty, or has less than was asked for.
+    """
 
     def __init__(self, program: Iterable[Item], on_news: Callable[[], None], capacity: int = BUFFER_ITEMS) -> None:
         self._program = program
@@ -77,6 +76,7 @@ class Producer:
         self._error: BaseException | None = None
         self._ended = False
         self._closed = False
+        self._lacking = False  # more was asked for than there is
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, daemon=True, name=_THREAD_NAME)
         self._thread.start()
@@ -100,9 +100,9 @@ class Producer:
     def has_s(self, seconds: float) -> bool:
         """Whether so much board time waits to be taken; also when more than that will not come, or not before some is taken."""
         with self._changed:
-            if self._ended or len(self._items) > self._capacity // 2:
-                return True
-            return items_of(self._items, seconds) is not None
+            enough = self._ended or len(self._items) > self._capacity // 2 or items_of(self._items, seconds) is not None
+            self._lacking = not enough
+            return enough
 
     def has_stroke(self, seconds: float) -> bool:
         """Whether a pen that is lowered now will not have to wait: the stroke is there to its end, or so much of it.
@@ -165,7 +165,8 @@ class Producer:
             if self._closed:
                 return False
             self._items.append(item)
-            first = len(self._items) == 1
-        if first:
+            news = self._lacking or len(self._items) == 1
+            self._lacking = False
+        if news:
             self._on_news()
         return True

@@ -135,6 +135,7 @@ class Streamer:
         self._errand: Errand[Program | None] | None = None  # the same, also when it is not wanted any more
         self._slept_s = suspended_s()
         self._approached = False
+        self._over_stroke = False  # which comes next, and for which the pen has not been lowered on the way
         self._lowering = False  # on the way: the rest of the travel follows at once
         self._low_lift = LowLift()
         self._last_motion = 0  # number of the last queued command that moves the motors
@@ -182,10 +183,17 @@ class Streamer:
             if self._holding is not None and self._taken == self._hold_at:
                 break
             if isinstance(item, Command):
+                if self._over_stroke and not self._producer.has_stroke(LEAD_S):
+                    # A pen that is down waits for nobody; as long as it is up, it may as well pause.
+                    if self._stop.pause_reason is not None:
+                        self._set(state=State.HOLDING, message=self._stop.pause_reason)
+                    return
                 if not self._may_send(item):
                     return
                 self._send(item)
+                self._over_stroke = False
             else:
+                self._over_stroke = isinstance(item, StrokeMark) and not self._approached
                 self._lowering = self._lowering and not isinstance(item, StrokeMark)
                 self._marks.append((self.model.sent, item))
                 if isinstance(item, PauseMark) or (self._may_hold(item) and self._stop.pause_reason is not None):
@@ -206,9 +214,6 @@ class Streamer:
     def _may_send(self, command: Command) -> bool:
         lead_s = self.model.lead_s(self._talk.clock())
         if len(self._in_flight) >= (_PIPELINE if lead_s > _CAREFUL_LEAD_S else 1):
-            return False
-        if _may_lower(command) and not self._approached and not self._producer.has_stroke(LEAD_S):
-            # A pen that is down waits for nobody.
             return False
         if command.waits_for_idle or (not self._abilities.stop_clears and _may_lower(command)):
             # Firmware 2 keeps a pen-down in its queue through ES: were it queued behind a travel, a stop would leave a dot
@@ -238,9 +243,9 @@ class Streamer:
         return self._lowering or lead_s * self._speed < LEAD_S or self.model.sent - self.model.completed < 3
 
     def _comes_to_rest(self) -> bool:
-        """Whether a motion from rest can be begun: it must not run out in its middle, at speed, because planning is only just
+        """Whether a motion from rest can be begun: it must not run out in its middle, at speed, with planning only just begun.
 
-        under way. A travel may wait at its end, unless the pen is lowered before that.
+        A travel may wait at its end, unless the pen is lowered before that.
         """
         if self._producer.has_s(LEAD_S):
             return True

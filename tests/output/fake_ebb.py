@@ -206,7 +206,7 @@ class FakeEbb:
     def _execute(self, wire: str) -> bytes:
         words = wire.split(",")
         name, numbers = words[0].upper(), [int(w) for w in words[1:] if re.fullmatch(r"-?\d+", w)]
-        if name in ("SM", "T3", "LM", "SP", "EM", "HM", "LT"):
+        if name in ("SM", "T3", "LM", "SP", "S2", "EM", "HM", "LT"):
             return self._motion(name, numbers, wire)
         if name == "V":
             return self._ok(wire, "EBBv13_and_above EB Firmware Version " + ".".join(map(str, self.version)), ok=False)
@@ -279,6 +279,8 @@ class FakeEbb:
             entry = Entry(wire, numbers[0] / 1000, (numbers[1], numbers[2]))
         elif name in ("T3", "LT"):
             entry = Entry(wire, (numbers[0] + 1) * 40e-6)
+        elif name == "S2":
+            entry = Entry(wire, numbers[3] / 1000 + 40e-6)
         elif name == "SP":
             if numbers[0] >= 2:
                 self.pen_up = True
@@ -288,7 +290,7 @@ class FakeEbb:
                         waiting.pen = None if waiting.pen is None else 1
                 return self._ok(wire)
             entry = Entry(wire, (numbers[1] if len(numbers) > 1 else 0) / 1000 + 40e-6, pen=numbers[0])
-        self.motors_on = numbers[0] > 0 if name == "EM" else self.motors_on or name != "SP"
+        self.motors_on = numbers[0] > 0 if name == "EM" else self.motors_on or name not in ("SP", "S2")
         self._queue(entry)
         return self._ok(wire)
 

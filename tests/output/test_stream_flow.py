@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import pytest
 
 from output.ebb.board_time import board_time_s
-from output.ebb.commands import CU, EM, HM, L3, LM, SC, SM, SP, Command
+from output.ebb.commands import CU, EM, HM, L3, LM, S2, SC, SM, SP, Command
 from output.ebb.control import StopFlag
 from output.ebb.flow import QueueModel
 from output.ebb.producer import Item
@@ -160,48 +160,84 @@ def test_a_planner_that_is_slow_at_first_does_not_stop_the_first_travel_at_speed
     assert [wire for _, wire in fake.gaps if wire.startswith("SM")] == ["SM,40,10,10"]
 
 
-def test_the_pen_waits_up_over_a_stroke_that_is_still_being_planned(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The travel to it is made meanwhile, and nothing of it stops in its middle."""
+class SlowStroke(InlineProducer):
+    """What follows item number `late_from` is there two seconds after the rest, by the board's clock."""
 
-    class SlowStroke(InlineProducer):
-        """What follows the first lowering is there half a second after the rest, by the board's clock."""
+    late_from = 5
+    now: Callable[[], float]
 
-        def _planned(self) -> bool:
-            return self._taken > 4 or fake.now > began + 0.5
+    def _planned(self) -> bool:
+        return self.now() > self._began + 2.0
 
-        def has_s(self, seconds: float) -> bool:
-            return seconds <= 0.1 or self._planned()
+    def has_s(self, seconds: float) -> bool:
+        return seconds <= 0.1 or self._planned()
 
-        def peek(self) -> Item | None:
-            return super().peek() if self._taken <= 4 or self._planned() else None
+    def has_stroke(self, seconds: float) -> bool:
+        return self._taken + len(STROKE) <= self.late_from or self.has_s(seconds)
 
-        def take(self) -> None:
-            self._taken += 1
-            super().take()
+    def peek(self) -> Item | None:
+        return super().peek() if self._taken < self.late_from or self._planned() else None
 
-        _taken = 0
+    def take(self) -> None:
+        self._taken += 1
+        super().take()
 
-    monkeypatch.setattr("output.ebb.stream.Producer", SlowStroke)
-    fake = FakeEbb()
+    def __init__(self, program: Iterable[Item], on_news: Callable[[], None]) -> None:
+        self._taken, self._began = 0, self.now()
+        super().__init__(program, on_news)
+
+
+def plot_slowly(
+    items: list[Item], late_from: int, monkeypatch: pytest.MonkeyPatch, on_progress: Callable[[StopFlag, float, Progress], None]
+) -> tuple[FakeEbb, dict[str, float]]:
+    """The board, and when each command was begun, in seconds since the stream began."""
+    fake, stop = FakeEbb(), StopFlag()
     board = connect(fake, clock=fake.clock)
     board.queue_depth()
     began = fake.now
-    items = [
-        SP(1, 10),
-        SM(40, 10, 10),
-        SM(40, 10, 10),
-        StrokeMark(0),
-        SP(0, 20),
-        *[SM(40, 90, 90)] * 6,
-        StrokeEnd(0, (1, 1)),
-        SP(1),
-    ]
-    result = board.stream(items, on_progress=lambda _: None, stop=StopFlag())
+    monkeypatch.setattr(
+        "output.ebb.stream.Producer", type("Slow", (SlowStroke,), {"late_from": late_from, "now": lambda _: fake.now})
+    )
+    result = board.stream(items, on_progress=lambda progress: on_progress(stop, fake.now - began, progress), stop=stop)
     assert result.outcome == "done"
-    begun = {entry.wire: entry.start - began for entry in reversed(fake.executed)}
+    return fake, {entry.wire: entry.start - began for entry in reversed(fake.executed)}
+
+
+APPROACH = [SP(1, 10), SM(40, 10, 10), SM(40, 10, 10)]
+STROKE = [StrokeMark(0), SP(0, 20), *[SM(40, 90, 90)] * 6, StrokeEnd(0, (560, 560))]
+
+
+def test_the_pen_waits_up_over_a_stroke_that_is_still_being_planned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The travel to it is made meanwhile, and nothing of it stops in its middle."""
+    fake, begun = plot_slowly([*APPROACH, *STROKE, SP(1)], 5, monkeypatch, lambda *_: None)
     assert begun["SM,40,10,10"] < 0.2
-    assert begun["SP,0,20"] >= 0.5
+    assert begun["SP,0,20"] >= 2.0
     assert [wire for _, wire in fake.gaps if wire.startswith("SM")] == []
+
+
+def test_while_it_waits_over_a_stroke_a_plot_can_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    paused: list[float] = []
+
+    def operator(stop: StopFlag, now: float, progress: Progress) -> None:
+        if now > 0.5 and not paused and stop.pause_reason is None:
+            stop.pause("paused by key")
+        if progress.state is State.PAUSED:
+            paused.append(now)
+            stop.go()
+
+    fake, begun = plot_slowly([*APPROACH, *STROKE, SP(1)], 5, monkeypatch, operator)
+    assert 0.5 < paused[0] < 1.0
+    assert begun["SP,0,20"] >= 2.0, "nor is the pen lowered when the pause ends"
+    assert [entry.wire for entry in fake.executed].count("SP,0,20") == 1
+
+
+def test_the_lift_after_a_stroke_does_not_wait_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which way the S2 of a low lift moves the pen is not known here; but a pen that is down is not to wait."""
+    rest = [S2(20000, 4, 1000, 50), *APPROACH[1:], StrokeMark(1), SP(0, 30), SM(40, 50, 50), StrokeEnd(1, (0, 0)), SP(1)]
+    late_from = len(APPROACH) + len(STROKE) + 1
+    _, begun = plot_slowly([*APPROACH, *STROKE, *rest], late_from, monkeypatch, lambda *_: None)
+    assert begun["S2,20000,4,1000,50"] < 1.0
+    assert begun["SP,0,30"] >= 2.0
 
 
 def test_an_error_of_the_program_ends_the_plot_with_the_pen_up() -> None:
