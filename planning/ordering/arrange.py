@@ -130,10 +130,8 @@ def order_in_turn(
             left -= 1
             share = replace(work, budget_s=work.budget_s * len(group) / total)
             first: list[Stroke] = []
-            wait_s = 0.0
-            if options.pace is not None:
-                routes = len(_metrics(len(group), metric))  # or more, should joining leave few
-                wait_s = ordering_s(group, best=work.best, budget_s=share.budget_s, routes=routes)
+            routes = len(_metrics(len(group), metric))  # or more, should joining leave few
+            wait_s = ordering_s(group, best=work.best, budget_s=share.budget_s, routes=routes)
             if options.pace is not None and wait_s > SOON_S:
                 first, group = _opened(group, options, Way(at_mm, metric), share, LEAD * wait_s - ahead_s, options.pace)
                 strokes.extend(first)

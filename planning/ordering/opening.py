@@ -99,8 +99,6 @@ def _cells(points_mm: Array) -> Ints:
     """A number for each point (n, 2): the same for points that are the same to the micrometre."""
     micrometres = np.rint(points_mm * 1000).astype(np.int64)
     x, y = (micrometres - micrometres.min(axis=0)).T
-    rows = int(y.max()) + 1
-    if (int(x.max()) + 1) * rows > np.iinfo(np.int64).max:  # kilometres of them
-        x = np.unique(x, return_inverse=True)[1]
-        y = np.unique(y, return_inverse=True)[1]
-    return np.asarray(x * (int(y.max()) + 1) + y)
+    if (int(x.max()) + 1) * (int(y.max()) + 1) > np.iinfo(np.int64).max:  # kilometres of them
+        x, y = (np.unique(axis, return_inverse=True)[1] for axis in (x, y))
+    return np.asarray(x * (y.max() + 1) + y)
