@@ -11,18 +11,16 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from itertools import takewhile
-from typing import Generic, TypeVar, cast
 
 from output.ebb.board_time import board_time_s
 from output.ebb.commands import Command
 from output.ebb.program import Mark, StrokeEnd
+from output.errand import errand_thread
 
 Item = Command | Mark
-Result = TypeVar("Result")
 # About a minute of ordinary drawing; bounds memory, while a slow stretch of planning finds this much in reserve.
 BUFFER_ITEMS = 4096
 _JOIN_S = 0.5
-_THREAD_NAME = "computing the plan"
 
 
 def items_of(items: Iterable[Item], seconds: float) -> int | None:
@@ -34,32 +32,6 @@ def items_of(items: Iterable[Item], seconds: float) -> int | None:
         seconds -= board_time_s(item) if isinstance(item, Command) else 0.0
         count += 1
     return count if seconds <= 0 else None
-
-
-class Errand(Generic[Result]):
-    """Does `work` in a thread of its own; `on_done` is called from there."""
-
-    def __init__(self, work: Callable[[], Result], on_done: Callable[[], None]) -> None:
-        self._work = work
-        self._on_done = on_done
-        self._result: Result | None = None
-        self._error: BaseException | None = None
-        self.done = False
-        threading.Thread(target=self._run, daemon=True, name=_THREAD_NAME).start()
-
-    def result(self) -> Result:
-        """What `work` returned, once `done`. Raises what it raised."""
-        if self._error is not None:
-            raise self._error
-        return cast(Result, self._result)
-
-    def _run(self) -> None:
-        try:
-            self._result = self._work()
-        except BaseException as caught:  # handed over to the loop
-            self._error = caught
-        self.done = True
-        self._on_done()
 
 
 class Producer:
@@ -78,8 +50,7 @@ class Producer:
         self._closed = False
         self._lacking = False  # more was asked for than there is
         self._changed = threading.Condition()
-        self._thread = threading.Thread(target=self._run, daemon=True, name=_THREAD_NAME)
-        self._thread.start()
+        self._thread = errand_thread(self._run)
 
     def peek(self) -> Item | None:
         """The next item without taking it; None when there is none yet or no more. Raises what the program raised."""

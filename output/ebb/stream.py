@@ -24,7 +24,7 @@ from output.ebb.conversation import Conversation, complaint, suspended_s
 from output.ebb.flow import QueueModel
 from output.ebb.low_lift import LowLift
 from output.ebb.poll import Poll, Seen, supply_lost
-from output.ebb.producer import Errand, Producer
+from output.ebb.producer import Producer
 from output.ebb.program import (
     ApproachMark,
     DipMark,
@@ -39,6 +39,7 @@ from output.ebb.program import (
 )
 from output.ebb.progress import Progress, Recorder, State
 from output.ebb.protocol import Event, Reply
+from output.errand import Errand
 from output.errors import BadCommand, BoardRefused, PositionLost
 
 # Motion kept on the board: ordinary host stalls are 50 to 800 ms; more would only delay a pause and overrun after a crash.

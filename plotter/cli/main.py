@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import threading
 import traceback
 from contextlib import suppress
 from typing import ClassVar
@@ -12,13 +11,11 @@ from typing import ClassVar
 import click
 
 from output.ebb.control import signals_as_they_were
+from output.errand import still_busy
 from output.errors import BadCommand, BoardRefused, LinkLost
 from planning.errors import PlanningError
 from plotter.cli import standard_streams
 from plotter.errors import BadInput, Interrupted, Paused
-
-# Threads whose names begin so are ended with the process, whatever they are at.
-_COMPUTING = "computing"
 
 DONE, INTERNAL, BAD_INPUT, REFUSED, LINK_LOST, PAUSED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 
@@ -85,7 +82,7 @@ def main(arguments: list[str] | None = None) -> None:
     standard_streams.open_the_closed()
     code = _run(arguments)
     standard_streams.settle()
-    if any(thread.name.startswith(_COMPUTING) for thread in threading.enumerate()):
+    if still_busy():
         # A plot, or a reading, that was ended early: everything is said and closed, and taking the interpreter down around a
         # thread that is in the middle of a computation makes extension modules complain on the terminal.
         os._exit(code)

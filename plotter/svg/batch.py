@@ -5,10 +5,7 @@ Nothing here knows elements, notes or other batches, so that one can be made bes
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,30 +45,6 @@ class Made:
     @property
     def points(self) -> int:
         return sum(len(polylines.points) for polylines in self.polylines)
-
-
-class Beside:
-    """Makes something in a thread of its own, which does not keep the program from ending."""
-
-    def __init__(self, make: Callable[[], Made]) -> None:
-        self._make = make
-        self._made: Made | None = None
-        self._error: Exception | None = None
-        self._thread = threading.Thread(target=self._run, daemon=True, name="computing outlines")
-        self._thread.start()
-
-    def result(self) -> Made:
-        """Waits for what is made, and raises what making it raised."""
-        self._thread.join()
-        if self._error is not None:
-            raise self._error
-        return cast(Made, self._made)
-
-    def _run(self) -> None:
-        try:
-            self._made = self._make()
-        except Exception as error:  # handed over to who waits for the result
-            self._error = error
 
 
 class BadOutline(Exception):

@@ -6,14 +6,14 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise, repeat
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from output.errand import Errand
 from plotter.errors import BadInput
-from plotter.svg.batch import BadOutline, Batch, Beside, Made, made
+from plotter.svg.batch import BadOutline, Batch, Made, made
 from plotter.svg.clip import Clip
 from plotter.svg.dashes import Dashes
 from plotter.svg.flatten import PointBudget, Polylines
@@ -69,7 +69,7 @@ class Collector:
         self._elements: list[Any | tuple[Run, int]] = []
         self._done: list[Polylines] = []
         self._batch = Batch()
-        self._beside: deque[tuple[Beside, Callable[[int], Made]]] = deque()
+        self._beside: deque[tuple[Errand[Made], Callable[[int], Made]]] = deque()
         self._options = options
         self._notes = notes
         self._name_element = name_of
@@ -117,16 +117,9 @@ class Collector:
 
     def add_run(self, run: Run, shape: Shape, texts: list[str]) -> None:
         """The path data of all elements of a run; of some it may be empty."""
-        which = np.cumsum([len(text) for text in texts]) // _BATCH_CHARACTERS
-        for at, end in pairwise([0, *(np.flatnonzero(np.diff(which)) + 1).tolist(), len(texts)]):
-            batch, first, count = self._batch, len(self.shapes), end - at
-            batch.texts.extend(texts[at:end])
-            batch.text_shapes.extend(range(first, first + count))
-            batch.characters += sum(map(len, texts[at:end]))
-            self.shapes.extend(repeat(shape, count))
-            self._elements.extend(repeat((run, first - at), count))
-            if batch.characters > _BATCH_CHARACTERS:
-                self._flush()
+        place = (run, len(self.shapes))
+        for text in texts:
+            self.add_path(place, shape, text)
 
     def reserve(self, element: Any, shape: Shape) -> int:
         """A place in the painting order for a shape whose outline comes later, or never."""
@@ -154,7 +147,7 @@ class Collector:
             self._keep_beside(0)
             self._keep_alone(make)
             return
-        self._beside.append((Beside(partial(make, _BESIDE_POINTS)), make))
+        self._beside.append((Errand(partial(make, _BESIDE_POINTS)), make))
         self._keep_beside(_BESIDE)
 
     def _next(self) -> Callable[[int], Made]:

@@ -60,7 +60,7 @@ def test_it_runs_ahead_only_so_far() -> None:
     wait_for(lambda: len(made) > 60)
     producer.close()
     producer.wait()
-    assert "computing the plan" not in [thread.name for thread in threading.enumerate()]
+    assert "errand" not in [thread.name for thread in threading.enumerate()]
 
 
 def test_an_error_comes_after_what_was_made_before_it() -> None:

@@ -104,7 +104,7 @@ def test_what_is_still_busy_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -
     ended: list[int] = []
     monkeypatch.setattr("os._exit", ended.append)
     done = threading.Event()
-    busy = threading.Thread(target=done.wait, daemon=True, name="computing something")
+    busy = threading.Thread(target=done.wait, daemon=True, name="errand")
     busy.start()
     with pytest.raises(SystemExit):
         main(["machines", "--nonsense"])

@@ -93,7 +93,7 @@ def test_a_reading_that_fails_leaves_no_thread_waiting(monkeypatch: pytest.Monke
     with pytest.raises(BadInput):
         page("".join(SHAPES) + '<path d="M0 0L1e999 5"/>' + "".join(SHAPES))
     end_s = time.monotonic() + 5
-    while any(thread.name == "computing outlines" for thread in threading.enumerate()):
+    while any(thread.name == "errand" for thread in threading.enumerate()):
         assert time.monotonic() < end_s
         time.sleep(0.01)
 
