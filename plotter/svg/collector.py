@@ -24,7 +24,7 @@ from plotter.svg.run import Run
 from plotter.svg.shapes import Ellipse, Outline
 from plotter.svg.style import Style
 
-_BATCH_CHARACTERS = 1_000_000
+_BATCH_CHARACTERS = 500_000
 _BATCH_NUMBERS = 200_000
 # So many batches are made beside the walk, numpy letting other threads run while it is at work; and no more points in each, so
 # that what is made before the budget is found to be exceeded stays small.
