@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol as Interface
 
+from output.ebb.commands import Command
 from output.ebb.program import LayerMark, StrokeEnd
 
 
@@ -37,6 +38,16 @@ class Progress:
     message: str = ""
     pen_up: bool | None = None
     steps: tuple[int, int] | None = None
+
+
+@dataclass(slots=True)
+class Sent:
+    """A command on its way: its number among the queued ones (0 when immediate), its place in the program, its board time."""
+
+    queued: int
+    index: int
+    seconds: float
+    command: Command
 
 
 class Recorder(Interface):

@@ -20,6 +20,7 @@ from output.ebb.commands import SP, Command
 from output.ebb.control import StopFlag, signals_stop
 from output.ebb.conversation import REPLY_TIMEOUT_S, Clock, Conversation
 from output.ebb.handshake import greet
+from output.ebb.holding import Hold
 from output.ebb.link import ChecksummedPort, Port, SerialPort
 from output.ebb.nickname import wrong_nickname
 from output.ebb.poll import EXECUTING_BIT, FIFO_BIT, POWER_LOST_BIT, supply_lost
@@ -27,7 +28,7 @@ from output.ebb.program import SUPPLY_SLOT, TOKEN_SLOT, Program
 from output.ebb.progress import Progress, Recorder, State
 from output.ebb.protocol import Syntax
 from output.ebb.safe_stop import StopReport, safe_stop
-from output.ebb.stream import Hold, StopRequested, Streamer
+from output.ebb.stream import StopRequested, Streamer
 from output.errors import BadCommand, BoardRefused, LinkLost, PositionLost
 from output.wording import counted
 

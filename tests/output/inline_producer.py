@@ -88,4 +88,4 @@ class InlineErrand:
 @pytest.fixture
 def inline_producer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("output.ebb.stream.Producer", InlineProducer)
-    monkeypatch.setattr("output.ebb.stream.Errand", InlineErrand)
+    monkeypatch.setattr("output.ebb.holding.Errand", InlineErrand)

@@ -11,11 +11,11 @@ from output.ebb.board_time import board_time_s
 from output.ebb.commands import CU, EM, HM, L3, LM, S2, SC, SM, SP, Command
 from output.ebb.control import StopFlag
 from output.ebb.flow import QueueModel
+from output.ebb.gates import LEAD_S
 from output.ebb.producer import Item
 from output.ebb.program import LayerMark, Mark, PauseMark, StrokeEnd, StrokeMark
 from output.ebb.progress import Progress, State
 from output.ebb.session import StreamResult, connect
-from output.ebb.stream import LEAD_S
 from output.errors import BadCommand, BoardRefused, LinkLost
 from tests.output.board_in_memory import MemoryBoard
 from tests.output.fake_ebb import FakeEbb
@@ -352,7 +352,7 @@ def test_a_hold_on_the_path_replaces_what_remains() -> None:
 
 def test_a_sleep_of_the_computer_pauses_and_the_token_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     slept, states = [0.0], []
-    monkeypatch.setattr("output.ebb.stream.suspended_s", lambda: slept[0])
+    monkeypatch.setattr("output.ebb.watch.suspended_s", lambda: slept[0])
     stop = StopFlag()
 
     def watch(progress: Progress) -> None:

@@ -469,7 +469,7 @@ def test_planted_safe_stop_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_planted_credits_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("output.ebb.flow.QueueModel.room", lambda _self: 99)
-    monkeypatch.setattr("output.ebb.stream.LEAD_S", 60.0)
+    monkeypatch.setattr("output.ebb.gates.LEAD_S", 60.0)
     memory = MemoryBoard()
     run(memory, list(plot(strokes=4, moves=30)))
     with pytest.raises(AssertionError, match="O7"):

@@ -209,7 +209,7 @@ def check_no_gap(firmware: str = "3.0.3") -> None:
 
 def test_planted_lead_too_short(monkeypatch: pytest.MonkeyPatch) -> None:
     check_no_gap()
-    monkeypatch.setattr("output.ebb.stream.LEAD_S", 0.1)
+    monkeypatch.setattr("output.ebb.gates.LEAD_S", 0.1)
     with pytest.raises(AssertionError, match="O8"):
         check_no_gap()
 

@@ -22,7 +22,10 @@ from output.ebb.commands import EM, SC, SM, SP, Command
 from output.ebb.control import StopFlag
 from output.ebb.conversation import Conversation, suspended_s
 from output.ebb.flow import QueueModel
+from output.ebb.gates import Gates
+from output.ebb.holding import Holding
 from output.ebb.journal import Journal, load
+from output.ebb.poll import Poll
 from output.ebb.program import ApproachMark, Mark, Slowed, StrokeEnd, StrokeMark
 from output.ebb.progress import Progress, State
 from output.ebb.protocol import Protocol
@@ -30,6 +33,7 @@ from output.ebb.resume import position_lost
 from output.ebb.session import connect
 from output.ebb.stream import StopRequested, Streamer
 from output.ebb.virtual.process import start_virtual_board
+from output.ebb.watch import StuckBoard
 from output.errors import BoardRefused, LinkLost
 from tests.output.board_in_memory import MemoryBoard
 from tests.output.inline_producer import InlineProducer, inline_producer  # noqa: F401 - a fixture
@@ -313,7 +317,7 @@ class Planted(Exception):
     """The error that is raised in the middle of things."""
 
 
-POINTS = functions_of(Streamer, QueueModel, Conversation, Protocol, InlineProducer, Journal)
+POINTS = functions_of(Streamer, Gates, Poll, Holding, StuckBoard, QueueModel, Conversation, Protocol, InlineProducer, Journal)
 
 
 def check_errors_at(kind: type, name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, times: int) -> None:

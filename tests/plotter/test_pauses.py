@@ -17,11 +17,11 @@ import pytest
 from output.ebb.command_file import read_command_file
 from output.ebb.control import StopFlag
 from output.ebb.firmware import firmware as firmware_named
+from output.ebb.gates import LEAD_S
 from output.ebb.held import PausableProgram
 from output.ebb.journal import Journal, load
 from output.ebb.resume import position_lost
 from output.ebb.session import connect
-from output.ebb.stream import LEAD_S
 from output.ebb.verify import Report, verify
 from output.ebb.verify_compare import compare
 from output.errors import BoardRefused, LinkLost
