@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from output.ebb.control import StopFlag, suspend_process
+from plotter.cli.standard_streams import in_front
 
 try:
     import termios
@@ -38,10 +39,7 @@ class _Terminal:
 
     def in_front(self) -> bool:
         """Whether keys are ours and not the shell's or another program's."""
-        try:
-            return os.tcgetpgrp(self.descriptor) == os.getpgrp()
-        except OSError:  # not our session's terminal, or a closed one: nobody to share it with
-            return True
+        return in_front(self.descriptor)
 
     def take(self) -> bool:
         """Single keys, no echo, Ctrl-C and Ctrl-Z stay signals; False where it is not ours to take. Raises termios.error."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from output.ebb.progress import Progress as StreamProgress
 from output.ebb.progress import State
-from plotter.cli.standard_streams import aside
+from plotter.cli.standard_streams import aside, in_front
 from plotter.units import spoken_duration
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def passed_over(message: str) -> str:
 
 
 class Bar:
-    """A progress bar on stderr, when that is a terminal: strokes done and board time left.
+    """A progress bar on stderr, when that is a terminal and while it is ours: strokes done and board time left.
 
     `guess_s` is a guess for each stroke with its travel and lifts; it is corrected by how long the strokes done have taken.
     """
@@ -54,6 +54,7 @@ class Bar:
         if sys.stderr.isatty():
             self.progress = _drawn_bar()
             self._task = self.progress.add_task("plotting", total=1.0, left="")
+        self._drawn = False
 
     def expect(self, guess_s: Sequence[float]) -> None:
         """How long the strokes take: what is known by now."""
@@ -86,8 +87,15 @@ class Bar:
                 text = f"{layer}stroke {stroke} of {self.drawn_before + self._strokes}"
                 left = "paused" if paused else "pausing" if done.message else f"{spoken_duration(left_s)} left"
                 self.progress.update(self._task, description=text, completed=share, left=left)
+                self.draw(in_front(sys.stderr.fileno()))
         except OSError:
             self.progress = None
+
+    def draw(self, wanted: bool) -> None:
+        """Draws the bar from now on, or takes it away: in the background it would be drawn over what is typed there."""
+        if self.progress is not None and wanted != self._drawn:
+            self._drawn = wanted
+            (self.progress.start if wanted else self.progress.stop)()
 
     def tell(self, sentence: str) -> None:
         """A line on stderr, above the bar where there is one. Raises OSError when the terminal is gone."""
@@ -116,13 +124,9 @@ def _drawn_bar() -> Progress:
 def progress_bar(guess_s: Sequence[float]) -> Iterator[Bar]:
     """A bar on stderr while the context lasts, when stderr is a terminal."""
     bar = Bar(guess_s)
-    if bar.progress is None:
-        yield bar
-        return
-    shown = bar.progress
-    shown.start()
+    bar.draw(bar.progress is not None and in_front(sys.stderr.fileno()))
     try:
         yield bar
     finally:
         with suppress(OSError):  # the terminal may have been closed meanwhile
-            shown.stop()
+            bar.draw(False)

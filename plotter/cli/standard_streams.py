@@ -33,6 +33,14 @@ def open_the_closed() -> None:
             setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115 - for as long as it runs
 
 
+def in_front(terminal: int) -> bool:
+    """Whether a terminal is ours now, and not the shell's or another program's that was started since."""
+    try:
+        return os.tcgetpgrp(terminal) == os.getpgrp()
+    except (OSError, AttributeError):  # not our session's terminal, a closed one, or Windows: nobody to share it with
+        return True
+
+
 def settle() -> None:
     """Writes what is still held back. What cannot be written is dropped: left to the interpreter's end, it would make code 120
     of a plot that is drawn."""

@@ -27,11 +27,11 @@ needs_bash = pytest.mark.skipif(BASH is None, reason="bash is the shell with job
 class Shell:
     """An interactive bash on a terminal of its own, as a user has it."""
 
-    def __init__(self) -> None:
+    def __init__(self, term: str = "dumb") -> None:
         assert BASH is not None
         self.child, self.master = pty.fork()
         if self.child == 0:
-            os.execve(BASH, [BASH, "--norc", "--noprofile", "-i"], {**os.environ, "PS1": "$ ", "TERM": "dumb"})
+            os.execve(BASH, [BASH, "--norc", "--noprofile", "-i"], {**os.environ, "PS1": "$ ", "TERM": term})
         self.text = ""
 
     def __enter__(self) -> Shell:
@@ -133,6 +133,37 @@ def test_a_plot_that_is_begun_in_the_background_is_not_stopped_by_the_terminal(d
         shell.type("wait; echo all-$((50+5))\n")
         assert "Stopped" not in shell.wait_for("all-55", 60)
         check_whole(board, drawing)
+
+
+@needs_bash
+def test_the_bar_is_not_drawn_over_what_is_typed_while_the_plot_is_in_the_background(drawing: Path) -> None:
+    bar = "stroke [0-9]+ of"
+    with start_virtual_board() as board, Shell("xterm") as shell:
+        shell.plot(drawing, board, "&")
+        assert not re.search(bar, text_while_typing(shell))
+        shell.type("fg\n")
+        shell.wait_for(bar)
+        shell.type("\x1a")
+        shell.wait_for("Stopped")
+        shell.type("bg\n")
+        shell.wait_for("in the background")
+        assert not re.search(bar, text_while_typing(shell))
+        shell.type("fg\n")
+        shell.wait_for(bar)
+        shell.type("p")
+        shell.wait_for("plotted drawing.svg", 60)
+        check_whole(board, drawing)
+
+
+def text_while_typing(shell: Shell) -> str:
+    """What the terminal shows during a second at the shell's prompt, and a moment after a bar may have been there last."""
+    time.sleep(0.5)
+    shell.type("echo it-is-$((40+2))\n")
+    shell.wait_for("it-is-42")
+    shell.text = ""
+    time.sleep(1.0)
+    os.write(shell.master, b"echo it-is-$((40+3))\n")
+    return shell.wait_for("it-is-43")
 
 
 def test_without_a_terminal_sigtstp_is_a_first_ctrl_c(drawing: Path) -> None:
