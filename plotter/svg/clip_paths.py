@@ -71,7 +71,7 @@ class ClipPaths:
                 "{count} clip-path [shape|shapes] other than url(#...) [was|were] ignored ({names})", value[:40]
             )
             return None
-        found = self._walk.by_id(match[1])
+        found = self._walk.references.by_id(match[1])
         if found is None or self._walk.kind(found.tag) != "clipPath":
             self._walk.notes.add(
                 "{count} clip [path is|paths are] not there and ignored ({names})",
@@ -108,7 +108,7 @@ class ClipPaths:
     ) -> BaseGeometry:
         walk = self._walk
         style = walk.style_in_place(element)
-        own = walk.own_transform(element, style, context.frame)
+        own = walk.transforms.own(element, style, context.frame)
         inner = Context(multiply(units, own) if own else units, style, context.frame, 0, (), context.level + 1, context.uses)
         if is_singular(inner.matrix):
             return EMPTY
@@ -128,7 +128,7 @@ class ClipPaths:
         kind = walk.kind(child.tag)
         style = walk.cascade.style(child, kind, child.items(), inner.style, inner.frame)
         if "clip-path" in style.own:
-            own = walk.own_transform(child, style, inner.frame)
+            own = walk.transforms.own(child, style, inner.frame)
             matrix = multiply(inner.matrix, own) if own else inner.matrix
             inner = replace(inner, clips=self.add(inner.clips, child, kind, dict(child.items()), style, matrix, inner))
         walk.element(child, inner)
@@ -138,7 +138,7 @@ class ClipPaths:
         kind = self._walk.kind(child.tag)
         if kind == "use":
             href = child.get("href") or child.get("{http://www.w3.org/1999/xlink}href") or ""
-            target = self._walk.by_id(href.strip().lstrip("#"))
+            target = self._walk.references.by_id(href.strip().lstrip("#"))
             kind = self._walk.kind(target.tag) if target is not None else ""
         return is_shape(kind) or kind == "text"
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from output.wording import counted
+from plotter.errors import BadInput
 from plotter.svg.clip import Clip
 from plotter.svg.context import Context
 from plotter.svg.lengths import Frame
@@ -36,6 +38,7 @@ class Markers:
 
     def __init__(self, walk: Walk) -> None:
         self._walk = walk
+        self._count = 0
 
     def wanted(self, kind: str, style: Style) -> bool:
         return kind in _MARKED and any(style.inherited.get(place, "none") != "none" for place in _PLACES)
@@ -62,7 +65,7 @@ class Markers:
         match = _URL.match(value) if value != "none" else None
         if match is None:
             return None
-        found = self._walk.by_id(match[1])
+        found = self._walk.references.by_id(match[1])
         if found is None or self._walk.kind(found.tag) != "marker":
             self._walk.notes.add(
                 "{count} [marker is|markers are] not there and ignored ({names})",
@@ -76,7 +79,7 @@ class Markers:
         if any(marker is one for one in context.uses):
             walk.notes.add("{count} [marker refers to itself and was|markers refer to themselves and were] left out")
             return
-        walk.count_marker()
+        self._count_one()
         style = walk.style_in_place(marker)
         frame = context.frame
         if not style.displayed:
@@ -111,6 +114,13 @@ class Markers:
             clips = (*clips, Clip.of_box(matrix, *shown))
         uses = (*context.uses, marker)
         walk.children(marker, Context(matrix, style, inside, context.layer, clips, context.level + 1, uses))
+
+    def _count_one(self) -> None:
+        """Raises BadInput for more than the budget."""
+        self._count += 1
+        limit = self._walk.options.budgets.markers
+        if self._count > limit:
+            raise BadInput(f"the drawing has more than {counted(limit, 'marker')}; raise --max-markers if it is meant")
 
     def _reference(self, marker: Any, name: str, frame: Frame, percent_of: float) -> float:
         text = (marker.get(name) or "0").strip()

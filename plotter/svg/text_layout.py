@@ -133,7 +133,7 @@ class Layout:
     def _track(self, element: Any, frame: Frame) -> tuple[Track | None, float]:
         """The path that a textPath runs along, and where on it the text begins."""
         href = (element.get("href") or element.get(f"{{{XLINK}}}href") or "").strip()
-        target = self._walk.by_id(href.lstrip("#"))
+        target = self._walk.references.by_id(href.lstrip("#"))
         track = track_of(*outline_of(self._walk, target)) if target is not None else None
         if track is None:
             return None, 0.0

@@ -16,20 +16,21 @@ from plotter.svg.collector import Collector, Shape, Spent
 from plotter.svg.colors import Paint
 from plotter.svg.context import Context, PendingText
 from plotter.svg.dashes import dashes_of
-from plotter.svg.document import SVG, XLINK
+from plotter.svg.document import SVG
 from plotter.svg.expansion import count_uses
 from plotter.svg.flatten import Polylines
 from plotter.svg.layers import Layering
 from plotter.svg.lengths import MM_PER_IN, Frame, NotFinite, parse_length
 from plotter.svg.marker_walk import Markers
-from plotter.svg.matrix import IDENTITY, Matrix, is_singular, multiply, parse_transform, translation
+from plotter.svg.matrix import IDENTITY, Matrix, is_singular, multiply
 from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
+from plotter.svg.references import References
 from plotter.svg.shapes import is_shape, outline, path_text
 from plotter.svg.style import GEOMETRY, Cascade, Style, root_style
+from plotter.svg.transforms import Transforms
 from plotter.svg.viewport import fit_view_box, parse_view_box
 
-_HREF = f"{{{XLINK}}}href"
 _CONTAINERS = frozenset(("g", "a"))
 _NEVER = frozenset(
     (
@@ -78,15 +79,13 @@ class Walk:
         self.texts: list[PendingText] = []
         self.clip_paths = ClipPaths(self)
         self.markers = Markers(self)
+        self.references = References(self)
+        self.transforms = Transforms(notes, self.name)
         self.gathering = False
         self._root_style: Style | None = None
         self._styles_in_place: dict[Any, Style] = {}
         self._kinds: dict[Any, str] = {}
-        self._transforms: dict[str, Matrix | None] = {}
-        self._by_id: dict[str, Any] | None = None
-        self.use_count = 0
         self._element_count = 0
-        self._marker_count = 0
 
     # ---- page
 
@@ -105,7 +104,7 @@ class Walk:
         inner = Frame(width, height, 16.0, px_per_in)
         style = self.cascade.style(self.root, "svg", self.root.items(), root_style(inner), inner)
         matrix: Matrix = (mm, 0.0, 0.0, mm, 0.0, 0.0)
-        own = self.own_transform(self.root, style, inner)
+        own = self.transforms.own(self.root, style, inner)
         if own is not None:
             matrix = multiply(matrix, own)
         if box is not None and box[2] > 0 and box[3] > 0:
@@ -120,7 +119,7 @@ class Walk:
         self.children(self.root, Context(matrix, style, replace(inner, font_px=style.font_px)))
 
     def _page_size(self, box: Any, outer: Frame) -> tuple[float, float]:
-        texts = [self._specified(self.root, name) for name in ("width", "height")]
+        texts = [self.specified(self.root, name) for name in ("width", "height")]
         sizes = [
             self.number(self.root, name, text, outer, share)
             for name, text, share in zip(("width", "height"), texts, (outer.width, outer.height), strict=True)
@@ -179,7 +178,7 @@ class Walk:
         attributes = dict(items)
         matrix = context.matrix
         if "transform" in attributes or "transform" in style.own:
-            own = self.own_transform(element, style, context.frame)
+            own = self.transforms.own(element, style, context.frame)
             if own is None:
                 own = IDENTITY
             matrix = multiply(matrix, own)
@@ -232,9 +231,9 @@ class Walk:
                     return
             self.children(element, inner)
         elif kind == "svg":
-            self._viewport(element, inner, element.get("width"), element.get("height"))
+            self.references.viewport(element, inner, element.get("width"), element.get("height"))
         elif kind == "use":
-            self.use(element, inner)
+            self.references.use(element, inner)
         elif kind == "switch":
             self._switch(element, inner)
         elif kind == "image":
@@ -333,7 +332,7 @@ class Walk:
         """Whether a paint shows. A gradient or pattern that is not there paints nothing, unless it has a fallback."""
         if paint is None or paint.server is None:
             return paint is not None
-        if self.by_id(paint.server) is None:
+        if self.references.by_id(paint.server) is None:
             return paint.has_fallback
         self.notes.add(
             "{count} [shape is|shapes are] painted with gradients or patterns, of which a pen draws the outline only"
@@ -383,109 +382,7 @@ class Walk:
         self._styles_in_place[element] = style
         return style
 
-    # ---- use, svg and symbol
-
-    def use(self, element: Any, inner: Context) -> None:
-        href = element.get("href")
-        if href is None:
-            href = element.get(_HREF) or element.get("xlink:href") or ""
-        target = self.find(href, "<use>")
-        if target is None:
-            return
-        # A cycle closes where the target is being drawn already: through a use, or because a use on the way lies inside it.
-        drawn = (*inner.uses, element)
-        if any(target is one for one in drawn) or any(target is above for one in drawn for above in one.iterancestors()):
-            self.notes.add("{count} <use> [element refers to itself and was|elements refer to themselves and were] left out")
-            return
-        self._count_use()
-        x = self.number(element, "x", self._specified(element, "x", inner.style), inner.frame, inner.frame.width) or 0.0
-        y = self.number(element, "y", self._specified(element, "y", inner.style), inner.frame, inner.frame.height) or 0.0
-        matrix = multiply(inner.matrix, translation(x, y)) if x or y else inner.matrix
-        moved = replace(inner, matrix=matrix, uses=(*inner.uses, element, target))
-        kind = self.kind(target.tag)
-        if kind not in ("symbol", "svg"):
-            self.element(target, moved)
-            return
-        style = self.cascade.style(target, kind, target.items(), moved.style, moved.frame)
-        if not style.displayed and kind == "svg":
-            return
-        own = self.own_transform(target, style, moved.frame)
-        moved = replace(moved, style=style, matrix=multiply(matrix, own) if own else matrix, level=moved.level + 1)
-        if moved.level > self.options.budgets.nesting:
-            raise BadInput(
-                f"{self.name(element)} is nested deeper than {counted(self.options.budgets.nesting, 'level')}; "
-                "raise --max-nesting (at most 400)"
-            )
-        self._viewport(target, moved, *(element.get(name) or target.get(name) for name in ("width", "height")))
-
-    def _count_use(self) -> None:
-        """Counts one expansion of a referenced element. Raises BadInput beyond the budget."""
-        self.use_count += 1
-        if self.use_count > self.options.budgets.uses:
-            limit = self.options.budgets.uses
-            raise BadInput(f"the drawing expands more than {limit} <use> elements; raise --max-uses if it is meant")
-
-    def count_marker(self) -> None:
-        """Counts one drawn marker. Raises BadInput beyond the budget."""
-        self._marker_count += 1
-        if self._marker_count > self.options.budgets.markers:
-            limit = self.options.budgets.markers
-            raise BadInput(f"the drawing has more than {counted(limit, 'marker')}; raise --max-markers if it is meant")
-
-    def _viewport(self, element: Any, context: Context, width_text: str | None, height_text: str | None) -> None:
-        """The content of an inner svg or a used symbol: new coordinates, clipped unless overflow is visible."""
-        frame = context.frame
-        kind = self.kind(element.tag)
-        x = y = 0.0
-        if kind == "svg":
-            x = self.number(element, "x", element.get("x"), frame, frame.width) or 0.0
-            y = self.number(element, "y", element.get("y"), frame, frame.height) or 0.0
-        width = self.number(element, "width", width_text, frame, frame.width)
-        height = self.number(element, "height", height_text, frame, frame.height)
-        width = frame.width if width is None else width
-        height = frame.height if height is None else height
-        if width <= 0 or height <= 0:
-            return
-        matrix = multiply(context.matrix, translation(x, y)) if x or y else context.matrix
-        clips = context.clips
-        if context.style.own.get("overflow", "hidden") not in ("visible", "auto"):
-            clips = (*clips, Clip.of_box(matrix, 0.0, 0.0, width, height))
-        box = self.view_box(element)
-        if box is not None:
-            if box[2] <= 0 or box[3] <= 0:
-                return
-            matrix = multiply(matrix, fit_view_box(box, width, height, element.get("preserveAspectRatio")))
-            width, height = box[2], box[3]
-        if is_singular(matrix):
-            return
-        self.children(element, replace(context, matrix=matrix, clips=clips, frame=replace(frame, width=width, height=height)))
-
     # ---- help
-
-    def find(self, href: str, who: str) -> Any:
-        """The element that `#id` names, or None with a note."""
-        href = href.strip()
-        if not href.startswith("#"):
-            self.notes.add(
-                f"{{count}} {who} [element refers|elements refer] to something outside the file ({{names}}): it is never read",
-                href[:60],
-            )
-            return None
-        target = self.by_id(href[1:])
-        if target is None:
-            self.notes.add(
-                f"{{count}} {who} [element refers|elements refer] to something that is not there ({{names}})", href[:60]
-            )
-        return target
-
-    def by_id(self, name: str) -> Any:
-        if self._by_id is None:
-            self._by_id = {}
-            for one in self.root.iter():
-                own = one.get("id")
-                if own is not None:
-                    self._by_id.setdefault(own, one)
-        return self._by_id.get(name)
 
     def number(self, element: Any, attribute: str, text: str | None, frame: Frame, percent_of: float) -> float | None:
         try:
@@ -493,48 +390,13 @@ class Walk:
         except NotFinite as error:
             raise not_finite(self, str(error), element, attribute) from None
 
-    def _specified(self, element: Any, name: str, style: Style | None = None) -> str | None:
+    def specified(self, element: Any, name: str, style: Style | None = None) -> str | None:
         """A geometry attribute, or the property that overrides it."""
         value = style.own.get(name) if style is not None else None
         found = element.get(name) if value is None else value
         return None if found is None or found.strip() == "auto" else found
 
-    def own_transform(self, element: Any, style: Style, frame: Frame) -> Matrix | None:
-        text = style.own.get("transform", element.get("transform"))
-        if text is None:
-            return None
-        try:
-            matrix = self._transforms[text]
-        except KeyError:
-            matrix = parse_transform(text)
-            if len(self._transforms) < 100_000:
-                self._transforms[text] = matrix
-        if matrix is None:
-            self.notes.add(
-                "{count} [transform is|transforms are] not valid and ignored ({names})",
-                f"{self.name(element)}: {text[:40]}",
-            )
-            return None
-        origin = style.own.get("transform-origin")
-        if origin is not None:
-            at = _origin(origin, frame)
-            matrix = multiply(multiply(translation(*at), matrix), translation(-at[0], -at[1]))
-        return matrix
-
     def name(self, element: Any) -> str:
         kind = self.kind(element.tag) or "?"
         name = element.get("id")
         return f"<{kind} id={name!r}>" if name else f"<{kind}> on line {element.sourceline}"
-
-
-_ORIGIN_WORDS = {"left": "0%", "top": "0%", "center": "50%", "right": "100%", "bottom": "100%"}
-
-
-def _origin(text: str, frame: Frame) -> tuple[float, float]:
-    """transform-origin against the viewport (transform-box: view-box, SVG's default)."""
-    words = text.split()
-    if len(words) >= 2 and (words[0] in ("top", "bottom") or words[1] in ("left", "right")):
-        words[:2] = [words[1], words[0]]
-    x = _ORIGIN_WORDS.get(words[0], words[0]) if words else "0"
-    y = _ORIGIN_WORDS.get(words[1], words[1]) if len(words) > 1 else "50%"
-    return parse_length(x, frame, frame.width) or 0.0, parse_length(y, frame, frame.height) or 0.0
