@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from output.ebb.control import StopFlag, suspend_process
+from plotter.cli.say import AT_HOME, ways_on
 from plotter.cli.standard_streams import in_front
 
 try:
@@ -26,7 +27,6 @@ except ImportError:  # Windows: Ctrl-C and the board's button remain
 
 # How often it is looked whether the shell has given the terminal back: `fg` after `bg` sends nothing.
 _LOOK_EVERY_S = 0.2
-_WAYS_ON = "p or the board's button goes on, q or Ctrl-C ends the plot"
 
 
 class _Terminal:
@@ -109,7 +109,9 @@ def _suspend(terminal: _Terminal, stop: StopFlag) -> None:
 
 
 def _still(stop: StopFlag) -> str:
-    return "the keys work again" if stop.pause_reason is None else f"still paused: {_WAYS_ON}"
+    if stop.pause_reason is None:
+        return "the keys work again"
+    return f"still paused: {ways_on(at_home=stop.pause_reason == AT_HOME)}"
 
 
 def _say(sentence: str) -> None:

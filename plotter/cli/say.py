@@ -34,6 +34,12 @@ def meanwhile(sentence: str) -> None:
         aside(sentence)
 
 
+def ways_on(*, at_home: bool = False) -> str:
+    """What can be pressed in a pause."""
+    home = "" if at_home else "h goes home, "
+    return f"p or the board's button goes on, {home}q or Ctrl-C ends the plot"
+
+
 def passed_over(message: str) -> str:
     """What is said of a pause that nobody could end."""
     return f"the pause '{message}' is passed over: nobody is at a keyboard"
@@ -74,10 +80,8 @@ class Bar:
         paused = done.message if done.state is State.PAUSED else ""
         try:
             if paused and paused != self._paused and not leaving:
-                home = "" if paused == AT_HOME else "h goes home, "
-                keys = f"p or the board's button goes on, {home}q or Ctrl-C ends the plot"
                 keyless = f"the board's button goes on, {self.without_keys}"
-                self.tell(f"{paused}: {keyless if self.without_keys else keys}")
+                self.tell(f"{paused}: {keyless if self.without_keys else ways_on(at_home=paused == AT_HOME)}")
             self._paused = paused
             if self.progress is not None:
                 left_s = self.left_s(done)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import sys
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import click
 
 from output.ebb.virtual.firmware import FIRMWARES
-from plotter.errors import BadInput
+from output.ebb.virtual.process import need_pseudo_terminals
 
 
 @click.command("virtual")
@@ -48,8 +47,7 @@ def virtual(
       plotter virtual --pty ./ebb
       plotter virtual --firmware 2.8.1 --speed 10 --record drawn.json
     """
-    if os.name != "posix":
-        raise BadInput("the virtual board needs pseudo-terminals, which this system has not: use Linux or macOS")
+    need_pseudo_terminals()
     from output.ebb.virtual.server import make_server
 
     server = make_server(

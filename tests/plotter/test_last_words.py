@@ -93,13 +93,16 @@ def test_what_was_drawn_before_a_resume_counts(tmp_path: Path, monkeypatch: pyte
         finish(ended, "x")
 
 
-def test_the_bar_counts_the_whole_drawing() -> None:
+def test_the_bar_counts_the_whole_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
     class Shown:
         described = ""
+
+        def start(self) -> None: ...
 
         def update(self, _task: object, *, description: str, **_others: Any) -> None:
             self.described = description
 
+    monkeypatch.setattr("plotter.cli.say.in_front", lambda _terminal: True)
     bar, shown = Bar([1.0, 1.0]), Shown()
     bar.progress, bar._task, bar.drawn_before = shown, 0, 2  # type: ignore[assignment]
     for done, words in ((0, "stroke 3 of 4"), (1, "stroke 4 of 4"), (2, "stroke 4 of 4")):

@@ -113,6 +113,14 @@ class VirtualBoard:
         return answer
 
 
+def need_pseudo_terminals() -> None:
+    """Raises BadCommand on a system without them."""
+    if os.name != "posix":
+        raise BadCommand(
+            "the virtual board needs pseudo-terminals, which this system has not: use Linux or macOS, or a real board"
+        )
+
+
 @contextmanager
 def start_virtual_board(
     *,
@@ -135,10 +143,7 @@ def start_virtual_board(
     that is about to run dry waits for the host, for fast runs whose underruns are to be the stream's own.
     Raises LinkLost when the process does not start, BadCommand on a system without pseudo-terminals.
     """
-    if os.name != "posix":
-        raise BadCommand(
-            "the virtual board needs pseudo-terminals, which this system has not: use Linux or macOS, or a real board"
-        )
+    need_pseudo_terminals()
     with tempfile.TemporaryDirectory(prefix="virtual-board-") as scratch:
         record_path = Path(scratch) / "record.json" if record is None else record
         command = [sys.executable, "-m", "output.ebb.virtual", "--control", "--firmware", firmware, "--speed", str(speed)]
