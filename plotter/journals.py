@@ -88,7 +88,8 @@ class Part:
     """A resumed part of a plot: it begins with stroke number `stroke`, `drawn_mm` of which are drawn, up to `left_mm` (2,).
 
     The carriage stands at `start_mm` (2,); `homed` says that the board's counters were lost and start again at home. All in
-    machine millimetres. The same facts make the same program, so that a resumed plot can be resumed again.
+    machine millimetres. `pause_over` says that a pause of the drawing's own before that stroke has been made. The same facts
+    make the same program, so that a resumed plot can be resumed again.
     """
 
     stroke: int
@@ -96,6 +97,7 @@ class Part:
     left_mm: tuple[float, float]
     start_mm: tuple[float, float]
     homed: bool
+    pause_over: bool = False
 
     @classmethod
     def of(cls, facts: Mapping[str, Any]) -> Part | None:
@@ -103,9 +105,8 @@ class Part:
         if "stroke" not in facts:
             return None
         left, start = (tuple(map(float, facts[name])) for name in ("left_mm", "start_mm"))
-        return cls(
-            int(facts["stroke"]), float(facts["drawn_mm"]), (left[0], left[1]), (start[0], start[1]), bool(facts["homed"])
-        )
+        homed, pause_over = bool(facts["homed"]), bool(facts.get("pause_over", False))
+        return cls(int(facts["stroke"]), float(facts["drawn_mm"]), (left[0], left[1]), (start[0], start[1]), homed, pause_over)
 
 
 def part_program(job: Job, setup: BoardSetup, part: Part | None) -> Iterator[Command | Mark]:
@@ -133,17 +134,19 @@ def _rest(job: Job, part: Part) -> Iterator[Action]:
     yield from _numbered_from(first, planned_from(job, pieces, np.array(part.start_mm)))
 
 
-def part_after(setup: BoardSetup, before: Part | None, place: Place, homed: bool = False) -> Part:
+def part_after(setup: BoardSetup, before: Part | None, place: Place, homed: bool = False, *, pause_over: bool = False) -> Part:
     """What is left to draw when part `before` has come as far as `place`, and the pen is there, or at home when `homed`."""
+    first = before is not None and before.stroke == place.next_stroke
+    pause_over = pause_over or (first and before is not None and before.pause_over)
     scale = float(np.sqrt(abs(np.linalg.det(setup.kinematics.steps_per_mm))))
     drawn_mm = place.drawn_steps / scale if place.stroke is not None else 0.0
     left_mm = position_mm(setup, place.steps)
     start_mm = (0.0, 0.0) if homed else left_mm
-    if before is not None and before.stroke == place.next_stroke and before.drawn_mm:
+    if before is not None and first and before.drawn_mm:
         if not drawn_mm:
             return replace(before, start_mm=start_mm, homed=homed)
         drawn_mm += max(before.drawn_mm - OVERLAP_MM, 0.0)
-    return Part(place.next_stroke, drawn_mm, left_mm, start_mm, homed)
+    return Part(place.next_stroke, drawn_mm, left_mm, start_mm, homed, pause_over)
 
 
 def position_mm(setup: BoardSetup, steps: tuple[int, int]) -> tuple[float, float]:
@@ -170,6 +173,7 @@ def layers_left(layers: Iterable[Layer], part: Part) -> tuple[Iterator[Layer], i
             left = remainder(strokes[0], part.drawn_mm, np.array(part.left_mm))
             strokes[:1] = [] if left is None else [left]
             first, begun = part.stroke + (left is None), True
+        begun = begun or part.pause_over
         here = replace(layer, strokes=tuple(strokes), pause_before=layer.pause_before and not begun)
         return chain([here] if strokes else [], rest), first
     return iter(()), part.stroke

@@ -26,7 +26,7 @@ from output.ebb.journal import Journal
 from output.ebb.program import Mark, PauseMark
 from output.ebb.progress import Progress, State
 from output.ebb.session import Board, StreamResult
-from planning.motion.plan import Action, Draw, Lower, OperatorPause, Travel
+from planning.motion.plan import Action, OperatorPause, Travel
 from planning.motion.travel import travel
 from plotter.board_setup import HOME_MM
 from plotter.cli.keys import keys
@@ -46,7 +46,6 @@ def plot_in_parts(
     """
     stop, started, total = StopFlag(), time.monotonic(), Progress()
     settings = motion_settings(job.settings, job.machine)
-    left_at = ""  # the message of the pause that was left last
     drawn_before = 0 if part is None else part.stroke
     outlook = _Outlook(job, drawn_before)
     with signals_end_here(stop, pauses=True), progress_bar(outlook.guesses_s()) as bar, keys(stop) as listening:
@@ -55,7 +54,7 @@ def plot_in_parts(
         bar.without_keys = "" if listening else "Ctrl-C ends the plot in the pause"
         while True:
             _note_part(board, journal, part)
-            actions = _without_pause(part_actions(job, part), left_at)
+            actions = part_actions(job, part)
             items = PausableProgram(
                 _beginning(setup, part, stop),
                 actions if pauses else _without_pauses(actions),
@@ -69,12 +68,11 @@ def plot_in_parts(
             result = board.stream(items, on_progress=show, stop=stop, journal=journal, hold=items.hold, drawn_before=drawn)
             total = _together(total, result.progress)
             if result.outcome == "held" and items.place is not None:
-                part, left_at = part_after(setup, part, items.place), ""
+                part = part_after(setup, part, items.place, pause_over=True)  # it was travelled to that stroke
                 if layers_left(job.ordering, part)[1] > part.stroke:  # it came to rest on the stroke's very end
                     total = replace(total, strokes_done=total.strokes_done + 1)
             elif result.outcome == "left" and result.steps is not None:
-                part = _part_left(job, setup, part, result.progress.strokes_done, result.steps)
-                left_at = left_at if result.reason == AT_HOME else result.reason
+                part = _part_left(job, setup, part, result.progress, result.steps)
             else:
                 break
             if _ends_here(stop):
@@ -148,13 +146,15 @@ def _together(before: Progress, progress: Progress) -> Progress:
     return replace(progress, layer=progress.layer or before.layer, **changes)
 
 
-def _part_left(job: Job, setup: BoardSetup, part: Part | None, strokes_done: int, steps: tuple[int, int]) -> Part:
-    """What is left when a part is left in a pause between strokes."""
+def _part_left(job: Job, setup: BoardSetup, part: Part | None, progress: Progress, steps: tuple[int, int]) -> Part:
+    """What is left when a part is left in a pause between strokes: in the drawing's own one before its next stroke, or after
+    that, or before the part has begun."""
     here = position_mm(setup, steps)
     first = 0 if part is None else layers_left(job.ordering, part)[1]
-    if part is not None and strokes_done == 0:
-        return replace(part, start_mm=here, homed=False)
-    return Part(first + strokes_done, 0.0, here, here, False)
+    if part is not None and progress.strokes_done == 0:
+        begun = progress.layer is not None
+        return replace(part, start_mm=here, homed=False, pause_over=part.pause_over or begun)
+    return Part(first + progress.strokes_done, 0.0, here, here, False, pause_over=True)
 
 
 def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFlag) -> StreamResult:
@@ -171,17 +171,6 @@ def _go_home(board: Board, setup: BoardSetup, job: Job, part: Part, stop: StopFl
     if stop.pause_reason is not None:  # else the operator has said go meanwhile
         stop.pause(AT_HOME, stop.pause_signal)
     return result
-
-
-def _without_pause(actions: Iterator[Action], message: str) -> Iterator[Action]:
-    """A pause of the drawing's own that has been left, for home, is not begun again by the part that follows."""
-    drawn = not message
-    for action in actions:
-        if not drawn and isinstance(action, OperatorPause) and action.message == message:
-            drawn = True
-            continue
-        drawn = drawn or isinstance(action, Lower | Draw)
-        yield action
 
 
 def _without_pauses(actions: Iterator[Action]) -> Iterator[Action]:
