@@ -15,6 +15,7 @@ from plotter.machines.profile import load_machine
 from plotter.svg.read import read_drawing
 
 SAMPLES = sorted((Path(__file__).parents[2] / "samples").glob("*.svg"))
+_LONGEST = "stipple"  # thousands of strokes; contours, city and poster have many as well
 MACHINE = load_machine("axidraw-v3")
 FIRST_LIFT_S = 0.5  # the wait of the set-up's first pen-up, before anything moves
 
@@ -29,7 +30,10 @@ def test_there_are_samples() -> None:
     assert len(SAMPLES) >= 8
 
 
-@pytest.mark.parametrize("sample", SAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "sample",
+    [pytest.param(path, marks=[pytest.mark.long] if path.stem == _LONGEST else [], id=path.stem) for path in SAMPLES],
+)
 def test_the_ink_is_the_drawing_and_the_time_is_as_promised(
     sample: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

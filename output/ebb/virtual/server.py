@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from output.ebb.nickname import wrong_nickname
 from output.ebb.virtual.board import Board, Sent
 from output.ebb.virtual.faults import FaultScript, Outcome
 from output.ebb.virtual.pseudo_terminal import PseudoTerminal
@@ -363,8 +362,10 @@ def make_server(
             script = json.loads(faults.read_text())
         except (OSError, ValueError) as problem:
             raise BadCommand(f"fault script {faults} cannot be read: {problem}") from problem
-    if (wrong := wrong_nickname(nickname)) is not None:
-        raise BadCommand(wrong)
+    if len(nickname) > 16 or not all(" " <= letter <= "~" and letter != "," for letter in nickname):
+        raise BadCommand(
+            f"nickname is {nickname!r}: a board keeps at most 16 letters, digits, spaces or signs, and no comma: choose another"
+        )
     recorder = Recorder(keep_wire=keep_wire)
     board = Board(firmware, nickname=nickname, pen_down=pen_down, version_line=version_line, recorder=recorder)
     try:
