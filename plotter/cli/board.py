@@ -28,6 +28,7 @@ from plotter.units import length_mm
 
 _Wrapped = TypeVar("_Wrapped", bound=Callable[..., Any])
 _PEN_TIMEOUT_S = 70.0
+_STILL_TIMEOUT_S = 10.0
 
 port_option = click.option(
     "--port", help="The board: its port or its nickname; `sim` is a fresh virtual one. Default: the only one there is."
@@ -257,10 +258,13 @@ def _let_go(port: str | None, settings: Settings) -> None:
 
 
 def position_mm(one: Board, settings: Settings) -> np.ndarray:
-    """Where the carriage is, in machine millimetres from home (2,), by the board's own count.
+    """Where the carriage is, in machine millimetres from home (2,), by the board's own count, once it stands still: a board
+    whose program was killed goes on with what it has, and firmware 2 makes a queued move even after a stop.
 
-    Raises PositionLost when the motors were let go, or their supply has failed, away from home: the count says nothing then.
+    Raises PositionLost when the motors were let go, or their supply has failed, away from home: the count says nothing then;
+    BoardRefused when it goes on moving for long.
     """
+    one.wait_until_still(_STILL_TIMEOUT_S)
     steps = one.steps()
     if steps != (0, 0):
         off = "the motors were switched off" if one.motors_off() else "the motors' power failed" if one.supply_failed() else ""

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 
+from output.ebb.commands import EM, LT
 from output.ebb.ports import FoundPort
 from output.ebb.session import connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
@@ -171,3 +173,32 @@ def test_a_name_that_is_too_long_is_refused_before_anything_is_asked() -> None:
         assert isinstance(refused.exception, BadCommand)
         assert "at most 16" in str(refused.exception)
         assert "Write the nickname" not in refused.output
+
+
+def left_moving(virtual: VirtualBoard) -> None:
+    """As a program that is killed leaves it: one move being made, one queued."""
+    with connect(virtual.port) as board:
+        board.send(EM(1, 1))
+        for _ in range(2):
+            board.send(LT(15000, 480 * 2**31 // 15000, 0, 400 * 2**31 // 15000, 0))  # 0.6 s
+
+
+def test_home_is_reached_from_wherever_a_move_that_is_still_being_made_ends(virtual: VirtualBoard) -> None:
+    left_moving(virtual)
+    assert "home" in done(call(virtual, "home"))
+    assert virtual.state()["position"] == [0, 0]
+    left_moving(virtual)
+    done(call(virtual, "move", "--to", "5mm", "5mm"))
+    assert virtual.state()["position"] == [800, 0]
+
+
+def test_here_is_where_the_move_ends_that_is_still_being_made(virtual: VirtualBoard, tmp_path: Path) -> None:
+    drawing = tmp_path / "x.svg"
+    drawing.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" width="99mm" height="99mm"><path d="M90 90h20" stroke="red"/></svg>'
+    )
+    left_moving(virtual)
+    done(call(virtual, "plot", str(drawing), "--start", "here"))
+    ink = [stroke["points"] for stroke in virtual.record()["ink"] if len(stroke["points"]) > 1]
+    (line,) = ink
+    assert sorted((line[0], line[-1])) == [[3810, 0], [4233, 423]]
