@@ -31,6 +31,7 @@ from output.ebb.session import Board
 from output.errors import LinkLost
 
 Steps = tuple[int, int]
+Way = tuple[Segment, ...]
 
 # So many of the last commands can have been lost with the cable.
 _UNANSWERED = 4
@@ -56,20 +57,22 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """One command of the program: from where to where the motors go, and what holds after it."""
+    """One command of the program: from where to where the motors go, and what holds after it. `drawn` are the ways of its
+    stroke's commands with the pen down, `drawn_before` of which come before it."""
 
     index: int
     start: Steps
     end: Steps
     stroke: int | None
     pen_down: bool
-    drawn_before: float
+    drawn: list[Way]
+    drawn_before: int
     next_stroke: int
-    way: tuple[Segment, ...] = ()
+    way: Way = ()
 
-    @property
-    def length(self) -> float:
-        return hypot(self.end[0] - self.start[0], self.end[1] - self.start[1])
+    def drawn_steps(self, along_steps: float) -> float:
+        """How much of the stroke is drawn where so much of the command's way is behind."""
+        return sum(_length(_corners(way)) for way in self.drawn[: self.drawn_before]) + along_steps * self.pen_down
 
 
 def position_lost(board: Board, state: PlotState) -> str | None:
@@ -163,8 +166,8 @@ def _as_sent(program: Program, held: Held | None) -> Iterator[Command | Mark]:
 
 
 def _after(piece: _Piece) -> Place:
-    drawn = piece.drawn_before + piece.length * piece.pen_down
-    return Place(piece.index + 1, piece.stroke, piece.pen_down, piece.end, drawn, piece.next_stroke)
+    drawn_steps = piece.drawn_steps(_length(_corners(piece.way)))
+    return Place(piece.index + 1, piece.stroke, piece.pen_down, piece.end, drawn_steps, piece.next_stroke)
 
 
 def _inside(piece: _Piece, steps: Steps) -> Place | None:
@@ -184,37 +187,41 @@ def _inside(piece: _Piece, steps: Steps) -> Place | None:
         covered += length
     if best > _ON_THE_WAY_STEPS:
         return None
-    drawn = piece.drawn_before + min(along_steps, piece.length) * piece.pen_down
-    return Place(piece.index, piece.stroke, piece.pen_down, steps, drawn, piece.next_stroke)
+    return Place(piece.index, piece.stroke, piece.pen_down, steps, piece.drawn_steps(along_steps), piece.next_stroke)
 
 
 def _before(piece: _Piece) -> Place:
     return Place(piece.index, piece.stroke, False, piece.start, 0.0, piece.next_stroke)
 
 
-def _corners(way: tuple[Segment, ...]) -> list[Steps]:
-    """The way of both motors' counters in a command, as a line."""
-    points, half = [], ONE_STEP // 2
+def _corners(way: Way) -> list[tuple[float, float]]:
+    """The way of both motors in a command, in steps with their fractions, as a line: a command may turn, and even come back."""
+    points = []
     for segment in way:
         ticks = [segment.ticks * k // _LOOKS for k in range(_LOOKS + 1)]
         (one, two), (first, second) = segment.phase, segment.profile
-        points += [((one + first.total(t) + half) // ONE_STEP, (two + second.total(t) + half) // ONE_STEP) for t in ticks]
+        points += [((one + first.total(t)) / ONE_STEP, (two + second.total(t)) / ONE_STEP) for t in ticks]
     return points
+
+
+def _length(line: list[tuple[float, float]]) -> float:
+    return sum(hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(line))
 
 
 def _pieces(program: Program, firmware: Firmware, start: Steps, first: int) -> Iterator[_Piece]:
     """The program's commands with the counters before and after each, by the firmware's arithmetic."""
     execute = arithmetic_old.execute if firmware.old_arithmetic else arithmetic.execute
-    state, stroke, down, drawn, index, coming = State(position=start), None, False, 0.0, 0, first
+    state, stroke, down, index, coming = State(position=start), None, False, 0, first
+    drawn: list[Way] = []
     for item in program:
         if isinstance(item, StrokeMark):
-            stroke, drawn, coming = item.index, 0.0, item.index
+            stroke, drawn, coming = item.index, [], item.index
         elif isinstance(item, StrokeEnd):
             stroke, coming = None, item.index + 1
         if not isinstance(item, Command):
             continue
         before = state.position
-        way: tuple[Segment, ...] = ()
+        way: Way = ()
         if isinstance(item, EM | CS):
             state = State()
             before = state.position
@@ -230,7 +237,7 @@ def _pieces(program: Program, firmware: Firmware, start: Steps, first: int) -> I
             except (NeverEnds, StepRateRefused):
                 return
             state, way = done.state, done.segments
-        piece = _Piece(index, before, state.position, stroke, down, drawn, coming, way)
-        yield piece
-        drawn += piece.length * down
+        yield _Piece(index, before, state.position, stroke, down, drawn, len(drawn), coming, way)
+        if down and way:
+            drawn.append(way)
         index += 1

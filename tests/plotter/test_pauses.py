@@ -382,6 +382,21 @@ def test_what_was_cut_off_while_a_stroke_was_being_held_is_resumed(
     check_length(check_whole(memory, job), job)
 
 
+@pytest.mark.parametrize("firmware", ["3.0.3", "2.8.1"])
+@pytest.mark.parametrize("at_s", [9.2, 9.7, 11.0])
+def test_what_was_cut_off_where_commands_turn_is_drawn_once(
+    at_s: float, firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In small waves one command turns, and is longer than from its start to its end."""
+    job, uncut, memory = job_of(tmp_path, firmware, DENSE), MemoryBoard(firmware), MemoryBoard(firmware)
+    plotted(job, uncut, Operator([]), monkeypatch)
+    cut_off(job, memory, Operator([at_s]), 0.0, tmp_path, monkeypatch)
+    resumed(job, memory, tmp_path)
+    check_whole(memory, job)
+    once, twice = (length_mm(ink_mm(board.record(), job.machine.kinematics())) for board in (uncut, memory))
+    assert once < twice <= once + 0.4
+
+
 @pytest.mark.parametrize("after_s", [0.2, 0.3, 0.4])
 def test_what_was_stopped_while_a_stroke_was_being_held_is_resumed_from_home(
     after_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
