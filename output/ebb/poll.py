@@ -1,8 +1,8 @@
 """Asking the board how far it is: the questions of a poll, and what their answers say.
 
 QU,6 says how many commands wait, QG or QM whether one executes; QS and the job's token, where the board is and whether it is
-still the same board, are asked for less often. QG clears the button's and the power's bits when it is read, so that nobody
-else may ask it during a plot.
+still the same board, are asked for less often, and QC where no flag tells that the motors' supply has failed. QG clears the
+button's and the power's bits when it is read, so that nobody else may ask it during a plot.
 
 Clocks: the conversation's, in host seconds.
 """
@@ -17,6 +17,8 @@ from output.ebb.flow import QueueModel
 from output.errors import PositionLost
 
 FIFO_BIT, EXECUTING_BIT, PEN_UP_BIT, BUTTON_BIT, POWER_LOST_BIT = 0x01, 0x08, 0x10, 0x20, 0x40
+# What no motor supply is below: counts of QC's converter, of 0.0295 V each.
+LEAST_SUPPLY_COUNTS = 150
 
 _FASTEST_S, _SLOWEST_S, _IDLE_S = 0.002, 0.05, 0.1
 # How often the position and the job token are asked for.
@@ -81,6 +83,7 @@ class Poll:
             self._next_place_at = now + _PLACE_EVERY_S
             self._token_asked = sent
             questions += ["QS"] if self._token is None else ["QS", self._token[0]]
+            questions += [] if self._abilities.power_flag else ["QC"]
         for question in questions:
             self._asked[self._talk.send(question)] = question
 
@@ -129,10 +132,11 @@ class Poll:
         if self._token is not None and self._token[0] in self._answers:
             restarted = int(self._answers[self._token[0]]) != self._token[1]
             self._token_seen = self._token_asked
+        dead = "QC" in self._answers and int(self._answers["QC"].split(",")[1]) < LEAST_SUPPLY_COUNTS
         if "QM" in self._answers:
             words = self._answers["QM"].split(",")
             fifo = words[-1] == "1" if len(words) > 3 else words[0] == "1"
-            return Seen(fifo, words[0] == "1", waiting, steps=steps, restarted=restarted)
+            return Seen(fifo, words[0] == "1", waiting, power_lost=dead, steps=steps, restarted=restarted)
         bits = int(self._answers["QG"], 16)
         return Seen(
             bool(bits & FIFO_BIT),
@@ -140,7 +144,7 @@ class Poll:
             waiting,
             bool(bits & PEN_UP_BIT),
             bool(bits & BUTTON_BIT),
-            bool(bits & POWER_LOST_BIT) and self._abilities.power_flag,
+            dead or (bool(bits & POWER_LOST_BIT) and self._abilities.power_flag),
             steps,
             restarted,
         )

@@ -28,7 +28,7 @@ from output.ebb.firmware import Firmware
 from output.ebb.journal import LEASE, Held, PlotState
 from output.ebb.program import Mark, Program, StrokeEnd, StrokeMark
 from output.ebb.session import Board
-from output.errors import LinkLost
+from output.errors import LinkLost, PositionLost
 
 Steps = tuple[int, int]
 Way = tuple[Segment, ...]
@@ -87,7 +87,7 @@ def position_lost(board: Board, state: PlotState) -> str | None:
         return "the motors were switched off since, so that the carriage can have been moved"
     if state.ended == "stopped":  # firmware before 2.8.0 cannot say that its motors are off
         return "the motors were let go when the plot was stopped, so that the carriage can have been moved"
-    if board.supply_failed():
+    if board.supply_failed() or (state.ended or "").startswith(PositionLost.__name__):  # firmware 2 keeps no note of it
         return "the motors' power failed since, so that the machine is not where the board counts it"
     return None
 

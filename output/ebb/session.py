@@ -23,7 +23,7 @@ from output.ebb.handshake import greet
 from output.ebb.holding import Hold
 from output.ebb.link import ChecksummedPort, Port, SerialPort
 from output.ebb.nickname import wrong_nickname
-from output.ebb.poll import EXECUTING_BIT, FIFO_BIT, POWER_LOST_BIT, supply_lost
+from output.ebb.poll import EXECUTING_BIT, FIFO_BIT, LEAST_SUPPLY_COUNTS, POWER_LOST_BIT, supply_lost
 from output.ebb.program import SUPPLY_SLOT, TOKEN_SLOT, Program
 from output.ebb.progress import Progress, Recorder, State
 from output.ebb.protocol import Syntax
@@ -36,9 +36,8 @@ from output.wording import counted
 _IDLE_TIMEOUT_S = 30.0
 _ASK_EVERY_S = 0.02
 _LONGEST_QUEUE = 255
-# The supply's divider and the 10-bit converter (the unit of CU,60), and what no motor supply is below.
+# The supply's divider and the 10-bit converter (the unit of CU,60).
 _SUPPLY_V_PER_COUNT = 0.0295
-_LEAST_SUPPLY_COUNTS = 150
 
 
 def _token_question(slot: int | None) -> str:
@@ -264,13 +263,13 @@ class Board:
         if self._goes_on and self.supply_failed():
             raise supply_lost()
         counts = int(self.query("QC").split(",")[1])
-        if counts < _LEAST_SUPPLY_COUNTS:
+        if counts < LEAST_SUPPLY_COUNTS:
             raise BoardRefused(
                 f"the motors have no power ({counts * _SUPPLY_V_PER_COUNT:.1f} V, at least "
-                f"{_LEAST_SUPPLY_COUNTS * _SUPPLY_V_PER_COUNT:.1f} V is needed): plug in and switch on the power supply"
+                f"{LEAST_SUPPLY_COUNTS * _SUPPLY_V_PER_COUNT:.1f} V is needed): plug in and switch on the power supply"
             )
         if self.abilities.power_flag:
-            self._talk.ask(f"CU,60,{max(_LEAST_SUPPLY_COUNTS, counts * 6 // 10)}")
+            self._talk.ask(f"CU,60,{max(LEAST_SUPPLY_COUNTS, counts * 6 // 10)}")
             self.query("QG")  # clears the flag that the new threshold may have set
             self._talk.status_bits &= ~POWER_LOST_BIT
 

@@ -488,6 +488,24 @@ def test_a_plot_that_a_dip_has_ended_asks_for_home(tmp_path: Path) -> None:
     assert "power failed" in str(position_lost(connect(memory, clock=memory.clock, clear=False), state))
 
 
+@pytest.mark.parametrize("firmware", ["2.8.1", "2.7.0"])
+def test_firmware_without_a_flag_is_asked_for_its_supply(firmware: str, tmp_path: Path) -> None:
+    memory = MemoryBoard(firmware, faults=[{"fault": "power", "at": {"time_s": 1.0}, "on": False, "for_s": 1.0}])
+    board = connect(memory, clock=memory.clock)
+    with (
+        pytest.raises(BoardRefused, match="power was lost during the plot"),
+        Journal.begin(tmp_path / "j", {}) as journal,
+    ):
+        journal.part({"token": board.begin_job()})
+        board.stream(list(plot(strokes=40)), on_progress=lambda _: None, stop=StopFlag(), journal=journal)
+    assert memory.clock() < 2.5
+    check_at_rest(memory)
+    memory.host_stalls(2.0)
+    state = load(tmp_path / "j")
+    assert state is not None
+    assert "power failed" in str(position_lost(connect(memory, clock=memory.clock, clear=False), state))
+
+
 def test_a_dip_between_a_pause_and_the_next_part_is_noticed() -> None:
     memory, stop = MemoryBoard(), StopFlag()
     board = connect(memory, clock=memory.clock)
