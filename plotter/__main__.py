@@ -2,7 +2,7 @@
 
 import sys
 
-from plotter.cli.main import main
+from plotter.cli.start import main
 
 if __name__ == "__main__":
     main(sys.argv[1:])

@@ -15,6 +15,7 @@ from output.errand import still_busy
 from output.errors import BadCommand, BoardRefused, LinkLost
 from planning.errors import PlanningError
 from plotter.cli import standard_streams
+from plotter.cli.start import loaded
 from plotter.errors import BadInput, Interrupted, Paused
 
 DONE, INTERNAL, BAD_INPUT, REFUSED, LINK_LOST, PAUSED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
@@ -57,6 +58,7 @@ class LazyGroup(click.Group):
             return None
         module, name = self.homes[cmd_name].split(":")
         command = getattr(__import__(module, fromlist=[name]), name)
+        loaded()
         if not isinstance(command, click.Command):
             raise TypeError(f"{self.homes[cmd_name]} is not a command")
         return command
