@@ -110,6 +110,7 @@ class Replay:
     _shift: tuple[int, int] = (0, 0)
     _scale: int = 1
     _servo: tuple[int, int] = (22565, 15302)
+    _down_set: bool = False
     _rate_down: int = 400
     _channels: int = 8
     _pen_rp: int = _PEN_PIN
@@ -262,6 +263,12 @@ class Replay:
         wait_ms = command.delay_ms if isinstance(command, S2) else command.duration_ms
         in_motion = not wait_ms and self._moving()
         self._falling = None
+        if not self._down_set and (isinstance(command, TP) or (isinstance(command, SP) and command.value == 0)):
+            self._down_set = True  # said once
+            self.warnings.append(
+                f"{command.wire()} lowers the pen without its height having been set: a stop takes that away, and the "
+                "pen would stay up; put SC,4 and SC,5 before it"
+            )
         match command:
             case SP():
                 if command.pin is not None:
@@ -309,7 +316,7 @@ class Replay:
             case SC(number=4):
                 self._servo = (command.value, self._servo[1])
             case SC(number=5):
-                self._servo = (self._servo[0], command.value)
+                self._servo, self._down_set = (self._servo[0], command.value), True
             case SC(number=10 | 12):
                 self._rate_down = command.value
             case SC(number=8):

@@ -244,3 +244,11 @@ def test_compare_measures_both_ways() -> None:
 def test_parameters_of_any_size_are_replayed_without_overflow_of_ours() -> None:
     report = verify([parse_command("T3,900000,2147483647,2147483647,2147483647,-5,-2147483648,7")], firmware(), CARTESIAN)
     assert not report.sendable and np.isfinite(report.max_speed_mm_s)
+
+
+def test_a_pen_down_whose_height_was_never_set_is_warned_of() -> None:
+    """The stop of an earlier program has taken it from the board, and such a file draws nothing."""
+    drawn = "SP,0,100|SM,1000,800,1000|SP,1,50|SP,0,100|SM,1000,-800,-1000|SP,1,50"
+    (warning, _jump) = check(f"EM,1,1|{drawn}").warnings
+    assert warning.startswith("SP,0,100 lowers the pen without its height having been set")
+    (_jump,) = check(f"SC,4,16000|SC,5,24000|EM,1,1|{drawn}").warnings
