@@ -7,7 +7,7 @@ their answers are searched for in what comes, whatever else is still in the line
     >= 3.0.1    ES  SP,3            SP,3 raises past the queue and takes the pen-down height away until the next SC,5
     older       ES  SP,1            ES has emptied the queue, so that the queued SP,1 runs at once
 
-A pen lift on another output (S2, brushless) passes its own commands for raising it.
+A pen lift on another output (brushless) is raised on its own pin.
 """
 
 from __future__ import annotations
@@ -39,40 +39,27 @@ class StopReport:
     detail: str
 
 
-def stop_commands(abilities: Abilities | None, *, free_motors: bool, raise_pen: tuple[str, ...] | None = None) -> list[str]:
-    """The wire commands of a safe stop. With the firmware unknown, the forms that every firmware takes."""
-    frees = free_motors and abilities is not None and abilities.stop_frees
-    pen = raise_pen or (("SP,3",) if abilities is not None and abilities.pen_now else ("SP,1",))
-    late = ["EM,0,0"] if free_motors and not frees else []
-    return ["ES,1" if frees else "ES", *pen, *late]
-
-
-def safe_stop(
-    talk: Conversation,
-    abilities: Abilities | None,
-    *,
-    free_motors: bool = False,
-    raise_pen: tuple[str, ...] | None = None,
-    deadline_s: float = DEADLINE_S,
-) -> StopReport:
-    """Stops the motion and raises the pen; afterwards the conversation is in step again when the board answers at all.
+def safe_stop(talk: Conversation, abilities: Abilities, raise_pen: str, *, free_motors: bool = False) -> StopReport:
+    """Stops the motion and raises the pen, by the wire command `raise_pen`; afterwards the conversation is in step again when
+    the board answers at all.
 
     Never raises for what the link does: a lost link is told in the report, because the error that led here matters more.
     """
     began = talk.clock()
-    commands = stop_commands(abilities, free_motors=free_motors, raise_pen=raise_pen)
+    commands = ["ES,1" if free_motors and abilities.stop_frees else "ES", raise_pen]
+    commands += ["EM,0,0"] if free_motors and not abilities.stop_frees else []
     try:
         # The first CR ends a line that a failed write may have left half sent.
         talk.port.send(("\r" + "".join(f"{command}\r" for command in commands)).encode("ascii"))
-        interrupted, answered = _await_answers(talk, commands, talk.waited_s + deadline_s)
+        interrupted, answered = _await_answers(talk, commands, talk.waited_s + DEADLINE_S)
         took_s = talk.clock() - began
-        in_step = talk.resync(deadline_s)
+        in_step = talk.resync(DEADLINE_S)
         pen_up = in_step and _wait_for_pen(talk)
     except (LinkLost, BoardRefused) as error:
         return StopReport(False, None, talk.clock() - began, f"the stop could not be sent: {error}")
     if pen_up and answered:
         return StopReport(True, interrupted, took_s, "stopped, pen up")
-    late = f"the board did not confirm the stop within {deadline_s:g} s"
+    late = f"the board did not confirm the stop within {DEADLINE_S:g} s"
     state = "but its pen is up now" if pen_up else "and its pen is not up" if in_step else "and it answers nothing"
     return StopReport(pen_up, interrupted, took_s, f"{late}, {state}")
 

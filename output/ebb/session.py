@@ -381,7 +381,7 @@ class Board:
         The pen-down height is gone afterwards on firmware 3.0.1 and later; it is sent again before the next pen-down.
         """
         self._pen_down_lost = self.abilities.pen_now
-        self.last_stop = safe_stop(self._talk, self.abilities, free_motors=free_motors, raise_pen=(self._raising(3),))
+        self.last_stop = safe_stop(self._talk, self.abilities, self._raising(3), free_motors=free_motors)
         return self.last_stop
 
     def _raising(self, value: int) -> str:
