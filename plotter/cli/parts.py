@@ -31,6 +31,7 @@ from planning.motion.travel import travel
 from plotter.board_setup import HOME_MM
 from plotter.cli.keys import keys
 from plotter.cli.say import AT_HOME, Bar, notes, passed_over, progress_bar
+from plotter.cli.start import must_still_be_wanted
 from plotter.cli.streaming import Ended, guesses_s
 from plotter.journals import Part, layers_left, part_actions, part_after, part_beginning, position_mm
 from plotter.pipeline import Job, motion_settings
@@ -44,6 +45,7 @@ def plot_in_parts(
     `pauses` False passes over the drawing's own pauses: nobody could end them. The first Ctrl-C pauses; where there is no
     terminal to go on from, the plot ends there as "paused".
     """
+    must_still_be_wanted()
     stop, started, total = StopFlag(), time.monotonic(), Progress()
     settings = motion_settings(job.settings, job.machine)
     drawn_before = 0 if part is None else part.stroke

@@ -10,6 +10,7 @@ import os
 import signal
 
 _INTERRUPTED = 130
+_asked = False
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -24,7 +25,19 @@ def main(arguments: list[str] | None = None) -> None:
 def loaded() -> None:
     """From here on Ctrl-C is an exception, or whatever a command makes of it."""
     if signal.getsignal(signal.SIGINT) is _interrupted:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, _raised)
+
+
+def must_still_be_wanted() -> None:
+    """Before anything is drawn: raises the KeyboardInterrupt that got lost, where it was raised out of a destructor."""
+    if _asked:
+        raise KeyboardInterrupt
+
+
+def _raised(_number: int, _frame: object) -> None:
+    global _asked
+    _asked = True
+    raise KeyboardInterrupt
 
 
 def _interrupted(_number: int, _frame: object) -> None:

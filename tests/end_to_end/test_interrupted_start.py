@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -37,3 +38,28 @@ def test_ignored_it_stays_ignored() -> None:
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == 0
     assert "pen down" in ended.stdout
+
+
+def test_lost_in_a_destructor_it_is_no_plot(tmp_path: Path) -> None:
+    """Python prints what is raised there, and goes on."""
+    lost = """
+import os, signal, sys
+from plotter.cli import plot, start
+class Dying:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        sum(range(1000))
+prepare = plot.prepare
+def with_a_death(*arguments):
+    dying = Dying()
+    del dying
+    return prepare(*arguments)
+plot.prepare = with_a_death
+start.main(sys.argv[1:])
+"""
+    record = tmp_path / "record.json"
+    command = [sys.executable, "-c", lost, "plot", str(SAMPLE), "--port", "sim", "--speed", "100", "--record", str(record)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 130, ended.stderr
+    assert ended.stderr.endswith("plotter: interrupted\n")
+    assert not [ink for ink in json.loads(record.read_text())["ink"] if len(ink["points"]) > 1]
