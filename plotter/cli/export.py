@@ -13,6 +13,7 @@ from output.wording import counted
 from plotter.board_setup import board_setup
 from plotter.cli.help import HeadedCommand
 from plotter.cli.options import collect, settings_options
+from plotter.cli.outputs import spare
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
 from plotter.cli.standard_streams import done
@@ -35,6 +36,7 @@ def export(file: str, output: str, **options: Any) -> None:
     plotter export drawing.svg -o drawing.ebb
     plotter export drawing.svg -o drawing.ebb --firmware 2.8.1
     """
+    spare({"drawing": file, "settings file": options.get("settings_file")}, output)
     resolved = collect(options)
     job = prepare(file, collect_reading(options), resolved.values)
     notes(job.notes)

@@ -22,6 +22,7 @@ from plotter.cli.awake import awake
 from plotter.cli.board import position_mm
 from plotter.cli.help import HeadedCommand
 from plotter.cli.options import SIM, collect, settings_options
+from plotter.cli.outputs import spare
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
@@ -59,6 +60,7 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
     """
     if port != SIM and (record or picture or speed != 1.0):
         raise BadInput("--speed, --record and --picture are the virtual board's: give --port sim with them")
+    spare({"drawing": file, "settings file": options.get("settings_file")}, record, picture)
     settings = collect(options).values
     device = SIM if port == SIM else choose_port(port)
     reading = collect_reading(options)

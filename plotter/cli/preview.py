@@ -14,6 +14,7 @@ from planning.motion.plan import Action
 from plotter.board_setup import board_setup
 from plotter.cli.help import HeadedCommand
 from plotter.cli.options import collect, settings_options
+from plotter.cli.outputs import spare
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
 from plotter.estimate import PlanTally, facts
@@ -42,6 +43,7 @@ def preview(file: str, output: Path | None, as_json: bool, **options: Any) -> No
     plotter preview drawing.svg -o picture.png
     plotter preview drawing.svg --quality draft --json
     """
+    spare({"drawing": file, "settings file": options.get("settings_file")}, output)
     settings = collect(options).values
     job = prepare(file, collect_reading(options), settings)
     notes(job.notes)

@@ -12,6 +12,7 @@ import numpy as np
 
 from output.wording import counted
 from plotter.cli.help import HeadedCommand, HeadedOption, Heading
+from plotter.cli.outputs import spare
 from plotter.cli.standard_streams import aside
 from plotter.errors import BadInput
 from plotter.svg.drawing import Drawing
@@ -201,6 +202,7 @@ def strokes(file: str, output: str, **options: Any) -> None:
 
     The output is {"width_mm", "height_mm", "polylines": [[[x, y], ...], ...]} in document order, page millimetres.
     """
+    spare({"drawing": file}, output)
     drawing = read_file(file, collect_reading(options))
     polylines = [stroke.points_mm.tolist() for layer in drawing.layers for stroke in layer.strokes]
     text = json.dumps({"width_mm": drawing.width_mm, "height_mm": drawing.height_mm, "polylines": polylines})

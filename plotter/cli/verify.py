@@ -16,6 +16,7 @@ from output.ebb.verify_compare import Comparison, compare
 from output.wording import counted
 from plotter.arrange import Placement
 from plotter.cli.help import HeadedCommand
+from plotter.cli.outputs import spare
 from plotter.cli.reading import collect_reading, read_file, reading_options
 from plotter.errors import BadInput
 from plotter.machines.profile import Machine, load_machine, load_quality
@@ -79,6 +80,7 @@ def verify_file(
     """
     if within_mm is not None and against is None:
         raise BadInput("--within says how far from a drawing: give the drawing with --against")
+    spare({"command file": file, "drawing": against}, strokes_file)
     faults: list[str] = []
     try:
         header, lines = read_command_file(file, faults)

@@ -11,6 +11,7 @@ import click
 
 from output.ebb.virtual.firmware import FIRMWARES
 from output.ebb.virtual.process import need_pseudo_terminals
+from plotter.cli.outputs import spare
 
 
 @click.command("virtual")
@@ -47,6 +48,7 @@ def virtual(
       plotter virtual --pty ./ebb
       plotter virtual --firmware 2.8.1 --speed 10 --record drawn.json
     """
+    spare({"fault script": faults}, record)
     need_pseudo_terminals()
     from output.ebb.virtual.server import make_server
 
