@@ -14,10 +14,11 @@ import sys
 import tempfile
 import threading
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 _MEMORY_BYTES = 400_000_000
 _TIME_S = 20.0
+_MISSING = re.compile(r"No fonts with a .*?/U\+([0-9A-F]+) character were found", re.DOTALL)
 _FACE = re.compile(r"^(/fonts\d*/.*): '(.*) \([^()]*\)', \d+, ", re.MULTILINE)
 
 
@@ -30,9 +31,22 @@ def available() -> bool:
     return importlib.util.find_spec("wasmtime") is not None and _program() is not None
 
 
-def outlines(document: bytes) -> bytes:
-    """`document`, an SVG, with its texts turned into paths. Raises FontEngineFailed."""
-    return _run(document, ())[0]
+class Outlined(NamedTuple):
+    """A document with its texts turned into paths, and the characters that were drawn as boxes, as no font was found for them,
+    each as often as that happened."""
+
+    document: bytes
+    missing: tuple[str, ...]
+
+
+def outlines(document: bytes) -> Outlined:
+    """`document`, an SVG, with its texts turned into paths. Raises FontEngineFailed.
+
+    Of the characters of one text that a font lacks, those after the first that no font has are missing as well: others are
+    not looked for.
+    """
+    made, _, said = _run(document, ())
+    return Outlined(made, tuple(chr(int(number, 16)) for number in _MISSING.findall(said)))
 
 
 @functools.lru_cache(maxsize=1)
@@ -75,8 +89,8 @@ def _module() -> tuple[Any, Any]:
     return engine, wasmtime.Module.from_file(engine, str(_program()))
 
 
-def _run(document: bytes, arguments: tuple[str, ...]) -> tuple[bytes, str]:
-    """The program's output document and what it printed."""
+def _run(document: bytes, arguments: tuple[str, ...]) -> tuple[bytes, str, str]:
+    """The program's output document, what it printed, and what it complained of."""
     import wasmtime
 
     engine, module = _module()
@@ -112,7 +126,7 @@ def _run(document: bytes, arguments: tuple[str, ...]) -> tuple[bytes, str]:
         finally:
             stop.cancel()
         out = scratch / "out.svg"
+        printed, said = ((scratch / name).read_text("utf-8", "replace") for name in ("printed", "said"))
         if not out.exists() and not arguments:
-            said = (scratch / "said").read_text("utf-8", "replace").strip().splitlines()
-            raise FontEngineFailed(said[0] if said else "it wrote nothing")
-        return (out.read_bytes() if out.exists() else b""), (scratch / "printed").read_text("utf-8", "replace")
+            raise FontEngineFailed(said.strip().splitlines()[0] if said.strip() else "it wrote nothing")
+        return (out.read_bytes() if out.exists() else b""), printed, said

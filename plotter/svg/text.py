@@ -21,6 +21,7 @@ from plotter.svg.context import PendingText
 from plotter.svg.document import SVG
 from plotter.svg.lengths import Frame, parse_length
 from plotter.svg.matrix import IDENTITY, Matrix, multiply, parse_transform
+from plotter.svg.names import named
 from plotter.svg.style import Style
 from plotter.svg.text_glyphs import Glyphs
 from plotter.svg.text_layout import Layout
@@ -44,12 +45,17 @@ _FONT = (
     "dominant-baseline",
     "white-space",
 )
+_DRESS = ("font-family", "font-size", *_FONT)
 _FONT_OWN = ("baseline-shift", "alignment-baseline", "text-decoration")
 _TEXTS = frozenset(("text", "tspan", "textPath", "a", "tref"))
 # The engine opens its font anew for every text, which takes milliseconds.
 _MANY_TEXTS = 200
 _MANY_CHARACTERS = 5000
 _LAST_PLAIN = "\u024f"
+# What stands for a character that no font has: it has no ink, is a character like another, and is in every font.
+_NO_INK = "\u00a0"
+# So many characters are asked for one by one, to see which of them no font has.
+_MOST_ALONE = 500
 _NOT_PLAIN = frozenset(
     ("text-decoration", "textLength", "word-spacing", "writing-mode", "direction", "dominant-baseline", "baseline-shift")
 )
@@ -126,8 +132,16 @@ class _Outlines:
             else:
                 group = etree.SubElement(self._root, f"{{{SVG}}}g", id=f"t{i}")
                 self._copy(pending.element, "text", pending.context.style, pending.context.frame, group)
+        outlined = font_engine.outlines(etree.tostring(self._root))
+        if outlined.missing:
+            self._leave_out(self._lacking(set(outlined.missing)), texts)
+            outlined = font_engine.outlines(etree.tostring(self._root))
+        for character in outlined.missing:
+            self._walk.notes.add(
+                "{count} [character was|characters were] drawn as [a box|boxes], for want of a font ({names})", named(character)
+            )
         parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
-        made = etree.fromstring(font_engine.outlines(etree.tostring(self._root)), parser)
+        made = etree.fromstring(outlined.document, parser)
         for group in made.iterchildren(f"{{{SVG}}}g"):
             name = group.get("id") or ""
             if name.startswith("t"):
@@ -137,6 +151,37 @@ class _Outlines:
         layout = Layout(self._walk, self._glyphs.advance)
         for i in sorted(set_here):
             self._place(layout, texts[i])
+
+    def _lacking(self, told: set[str]) -> set[str]:
+        """The characters that no font has. Each is asked for by itself, in the dress that it has where it is first: of a text
+        the engine may tell too many (see `outlines`), or for a mark the letter that it stands on. Only where there are too many
+        of them is what it `told` taken for it."""
+        check = etree.Element(f"{{{SVG}}}svg", nsmap={None: SVG}, width="1", height="1")
+        asked: set[str] = set()
+        for element in self._root.iter():
+            for character in {*(element.text or ""), *(part for child in element for part in child.tail or "")} - asked:
+                if not character.isascii():
+                    asked.add(character)
+                    dressed = element if element.get("font-family") else element.getparent()
+                    dress = {name: value for name in _DRESS if (value := dressed.get(name)) is not None}
+                    etree.SubElement(check, f"{{{SVG}}}text", dress).text = character
+        if len(asked) > _MOST_ALONE:
+            return {character for character in told if not character.isascii()}
+        return set(font_engine.outlines(etree.tostring(check)).missing) & asked
+
+    def _leave_out(self, gone: set[str], texts: list[PendingText]) -> None:
+        """Takes characters away from what the engine will be given, and names them."""
+        table = {ord(character): _NO_INK for character in gone}
+        for element in self._root.iter():
+            if element.text:
+                element.text = element.text.translate(table)
+            if element.tail:
+                element.tail = element.tail.translate(table)
+        for character in (one for pending in texts for part in pending.element.itertext() for one in part):
+            if character in gone:
+                self._walk.notes.add(
+                    "{count} [character is|characters are] in no installed font and left out ({names})", named(character)
+                )
 
     def _set_here(self, texts: list[PendingText]) -> set[int]:
         """Texts to be set glyph by glyph: those along a path, and where there is much text all that is plain enough."""

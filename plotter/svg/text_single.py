@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from plotter.svg.collector import Shape
 from plotter.svg.context import PendingText
 from plotter.svg.matrix import apply
+from plotter.svg.names import named
 from plotter.svg.style import Style
 from plotter.svg.text_layout import Layout, Placed
 
@@ -36,6 +37,9 @@ _STAND_INS = {
     "×": "x",
     "\u00a0": " ",
     "ß": "ss",
+    "½": "1/2",
+    "¼": "1/4",
+    "¾": "3/4",
 }
 
 
@@ -45,7 +49,7 @@ def available() -> bool:
 
 
 def draw_single(walk: Walk, texts: list[PendingText]) -> None:
-    """Adds the strokes of `texts` to the walk's collector; characters that the font lacks are noted."""
+    """Adds the strokes of `texts` to the walk's collector; characters that the font lacks, or draws as others, are noted."""
     layout = Layout(walk, _advance)
     for pending in texts:
         for placed in layout.place(pending.element, pending.context.style, pending.context.frame):
@@ -54,7 +58,12 @@ def draw_single(walk: Walk, texts: list[PendingText]) -> None:
             if not _drawable(placed.character):
                 walk.notes.add(
                     "{count} [character is|characters are] not in the single-line font and left out ({names})",
-                    placed.character,
+                    named(placed.character),
+                )
+            elif _looks_other(placed.character):
+                walk.notes.add(
+                    "{count} [character was|characters were] drawn as the nearest that the font has ({names})",
+                    f"{named(placed.character)} as {_drawable(placed.character)}",
                 )
             _draw(walk, pending, placed)
     walk.notes.add(f"{{count}} [text was|texts were] drawn as single-line strokes in Hershey {FONT}", count=len(texts))
@@ -94,6 +103,13 @@ def _drawable(character: str) -> str:
     if len(plain) == 1 and not " " <= plain <= "~":
         plain = unicodedata.normalize("NFKD", plain)
     return "".join(one for one in plain if " " <= one <= "~")
+
+
+def _looks_other(character: str) -> bool:
+    """Whether what is drawn for a character is another one to the eye: not so for quotes, dashes and spaces."""
+    if _drawable(character) == character or unicodedata.category(character)[0] in "PZ":
+        return False
+    return character != "−"
 
 
 @functools.lru_cache(maxsize=256)

@@ -66,7 +66,42 @@ def test_much_text_set_here_stands_where_the_engine_sets_it() -> None:
 @needs_engine
 def test_the_engine_sees_neither_files_nor_the_network() -> None:
     document = b'<svg xmlns="http://www.w3.org/2000/svg"><image width="9" height="9" href="/etc/hostname"/></svg>'
-    assert b"<image" not in font_engine.outlines(document)
+    assert b"<image" not in font_engine.outlines(document).document
+
+
+@needs_engine
+@pytest.mark.parametrize("around", ["{}", '<textPath href="#p">{}</textPath>'])
+def test_characters_that_no_font_has_are_left_out_and_named(around: str) -> None:
+    """No boxes are drawn for them; what is around them stands where it stood."""
+    label = '<path id="p" stroke="none" d="M0 20H99"/><text y="20" font-family="DejaVu Sans" font-size="10">{}</text>'
+    plain = polylines(page(label.format("H\u00a0\u00a0\u00e4")))
+    found = page(label.format(around.format("H\u65e5\u672c\u00e4")))
+    assert len(plain) == found.stroke_count == 5
+    assert np.allclose(np.concatenate(polylines(found)), np.concatenate(plain), atol=0.01)
+    assert "2 characters are in no installed font and left out (\u65e5, \u672c)" in found.warnings
+
+
+@needs_engine
+def test_one_without_a_font_takes_no_other_with_it() -> None:
+    """The engine gives up on a text at the first character that no font has; the next one may have a font all the same."""
+    label = '<text x="5" y="20" font-family="DejaVu Sans Mono" font-size="10">{}</text>'
+    hebrew = page(label.format("\u05d0"))  # in DejaVu Sans only
+    assert hebrew.stroke_count and len(hebrew.warnings) == 1
+    both = page(label.format("\u65e5 \u05d0 \u65e5"))
+    assert both.stroke_count == hebrew.stroke_count
+    assert "2 characters are in no installed font and left out (\u65e5)" in both.warnings
+    joined = page(label.format("\U0001f468\u200d\U0001f469"))  # told as one
+    assert joined.stroke_count == 0
+    assert any(one.startswith("2 characters are in no installed font") for one in joined.warnings)
+    marked = page(label.format("a\u1ab0 a"))  # a mark that no font has: its letter is told
+    assert marked.stroke_count == 2 * page(label.format("a")).stroke_count
+    assert "1 character is in no installed font and left out (U+1AB0)" in marked.warnings
+
+
+@needs_engine
+def test_what_a_terminal_cannot_show_is_named_by_its_number() -> None:
+    drawing = page('<text y="20" font-size="10">&#xe123;</text>')
+    assert "1 character is in no installed font and left out (U+E123)" in drawing.warnings
 
 
 def test_text_is_named_where_it_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,6 +144,23 @@ def test_single_line_layout_positions_anchor_spaces_and_unknown_letters() -> Non
     assert tspan[2] == pytest.approx(90 + tspan[0])
     drawing = page('<text y="50">é漢</text>', text="single")
     assert drawing.stroke_count and any("1 character is not in the single-line font" in one for one in drawing.warnings)
+
+
+@needs_single
+def test_single_line_text_says_what_it_draws_otherwise() -> None:
+    def said(text: str) -> list[str]:
+        return [one for one in page(f'<text y="50">{text}</text>', text="single").warnings if "nearest" in one]
+
+    nearest = "characters were drawn as the nearest that the font has"
+    assert said("H\u00e4llo \u00d1u\u00e4") == [f"3 {nearest} (\u00e4 as a, \u00d1 as N)"]
+    assert said("\u00bd \u00df") == [f"2 {nearest} (\u00bd as 1/2, \u00df as ss)"]
+    assert said("\u201cplain\u201d \u2013 it\u2019s\u00a0so\u2026") == []  # looks the same
+
+
+@needs_single
+def test_single_line_text_names_what_a_terminal_cannot_show_by_its_number() -> None:
+    drawing = page('<text y="50">a&#x301;&#x9b;&#x202e;</text>', text="single")
+    assert "3 characters are not in the single-line font and left out (U+0301, U+009B, U+202E)" in drawing.warnings
 
 
 @needs_single
