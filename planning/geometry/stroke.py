@@ -58,7 +58,7 @@ class Stroke:
 class Layer:
     """Strokes that are drawn together, in the order given: a tuple, or `Strokes`, which holds very many of them in arrays.
 
-    `number` is the layer's own number in the file's order, from 1.
+    `number` is the layer's own number in the file's order, from 1. `pause_for` names what else the pause before it is for.
     """
 
     number: int
@@ -66,3 +66,4 @@ class Layer:
     strokes: Sequence[Stroke]
     color: str | None = None
     pause_before: bool = False
+    pause_for: tuple[str, ...] = ()

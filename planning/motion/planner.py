@@ -104,7 +104,8 @@ def _actions(layers: Iterable[Layer], settings: MotionSettings, at: Array, end_m
         yield LayerStart(layer.number, layer.name)
         if layer.pause_before:
             name = layer.name or f"layer {layer.number}"
-            yield OperatorPause(f"next: {name}" + (f", pen {layer.color}" if layer.color else ""))
+            said = f"next: {name}" + (f", pen {layer.color}" if layer.color else "")
+            yield OperatorPause(", ".join((*layer.pause_for, said)))
             ink.paused()
         strokes = list(layer.strokes)
         done = 0

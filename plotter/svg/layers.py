@@ -1,14 +1,17 @@
 """Which part of a document is which layer: Inkscape's layers, else top-level groups, else one.
 
-Names follow AxiDraw's conventions: `%` first means documentation, never drawn; `!` first means a pause before the layer.
+Names follow AxiDraw's conventions: `%` first means documentation, never drawn; `!` first means a pause before the layer, or,
+where nothing of it is drawn, before the next one that is.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from plotter.svg.document import INKSCAPE, SODIPODI
+from plotter.svg.names import in_one_line
 from plotter.svg.notes import Notes
 from plotter.svg.options import LayerRule
 
@@ -72,7 +75,8 @@ class Layering:
         if current is not None:
             return current
         if (self._mode == "inkscape" and element.get(_MODE) == "layer") or (self._mode == "groups" and level == 1):
-            name = element.get(_LABEL) or element.get("id") or f"group {len(self.layers) + 1}"
+            given = (in_one_line(element.get(name) or "") for name in (_LABEL, "id"))
+            name = next(filter(None, given), f"group {len(self.layers) + 1}")
             self.layers.append(FileLayer(name, element.get(_LOCKED) == "true", hidden))
             return len(self.layers) - 1
         return None
@@ -83,6 +87,23 @@ class Layering:
             name = OUTSIDE if self._mode in ("inkscape", "groups") else "drawing"
             self.layers.append(FileLayer(name, stray=True))
         return len(self.layers) - 1
+
+
+def pauses(layers: Iterable[tuple[FileLayer, int]]) -> list[tuple[str, ...] | None]:
+    """For each layer, given with its number of strokes, None or the empty layers for which there is a pause before it as well.
+
+    A layer with strokes pauses for itself and for the empty ones before it; an empty one never, and what no strokes follow
+    not at all. A hidden layer asks for nothing.
+    """
+    found: list[tuple[str, ...] | None] = []
+    waiting: tuple[str, ...] = ()
+    for layer, strokes in layers:
+        found.append(waiting if strokes and (layer.pause_before or waiting) else None)
+        if strokes:
+            waiting = ()
+        elif layer.pause_before and not layer.hidden:
+            waiting = (*waiting, layer.name)
+    return found
 
 
 def _is_group(element: Any) -> bool:

@@ -12,7 +12,7 @@ _JOINERS = "\u200c\u200d"
 
 def in_one_line(name: str) -> str:
     """`name` with a space for each run of what a terminal would obey instead of show."""
-    if name.isascii() and name.isprintable():
+    if name.isprintable():
         return name
     kept = [character if character in _JOINERS or not _is_unshown(character) else "\n" for character in name]
     return " ".join(part.strip() for part in "".join(kept).split("\n") if part.strip())

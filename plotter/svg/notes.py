@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from output.wording import agreeing
+from plotter.svg.names import in_one_line
 
 _MOST_NAMES = 3
 
@@ -27,4 +28,5 @@ class Notes:
         names = self._names[template]
         shown = ", ".join(names[:_MOST_NAMES]) + (", ..." if len(names) > _MOST_NAMES else "")
         count = self._count[template]
-        return agreeing(template, count).replace("{count}", str(count)).replace("{names}", shown)
+        sentence = agreeing(template, count).replace("{count}", str(count)).replace("{names}", shown)
+        return in_one_line(sentence)  # names of elements, fonts and references come as the file has them

@@ -14,7 +14,7 @@ from plotter.svg.assemble import Assembly
 from plotter.svg.blame import not_finite
 from plotter.svg.document import parse_document
 from plotter.svg.drawing import Drawing, LayerFacts
-from plotter.svg.layers import FileLayer, Layering
+from plotter.svg.layers import FileLayer, Layering, pauses
 from plotter.svg.lengths import NotFinite
 from plotter.svg.notes import Notes
 from plotter.svg.options import ReadOptions
@@ -70,14 +70,25 @@ def _drawing(walk: Walk, layering: Layering, options: ReadOptions, notes: Notes)
     made = walk.collector.finish()
     assembly = Assembly(options, notes, (walk.width_mm, walk.height_mm), walk.collector.shapes)
     strokes = assembly.strokes(made, len(layering.layers))
+    found = [(layer, drawn) for layer, drawn in zip(layering.layers, strokes, strict=True)]
+    pausing = pauses((layer, len(drawn)) for layer, drawn in found)
     layers = tuple(
-        _layer(number, layer, drawn)
-        for number, (layer, drawn) in enumerate(zip(layering.layers, strokes, strict=True), 1)
+        _layer(number, layer, drawn, pause)
+        for number, ((layer, drawn), pause) in enumerate(zip(found, pausing, strict=True), 1)
         if len(drawn)
     )
+    followed = max((layer.number for layer in layers), default=0)
     facts = tuple(
-        LayerFacts(number, layer.name, len(drawn), layer.hidden, layer.locked, layer.is_documentation, layer.pause_before)
-        for number, (layer, drawn) in enumerate(zip(layering.layers, strokes, strict=True), 1)
+        LayerFacts(
+            number,
+            layer.name,
+            len(drawn),
+            layer.hidden,
+            layer.locked,
+            layer.is_documentation,
+            layer.pause_before and number <= followed and (bool(len(drawn)) or not layer.hidden),
+        )
+        for number, (layer, drawn) in enumerate(found, 1)
     )
     return Drawing(walk.width_mm, walk.height_mm, layers, notes.sentences(), facts)
 
@@ -121,6 +132,6 @@ def _style_texts(root: Any) -> list[str]:
     ]
 
 
-def _layer(number: int, layer: FileLayer, strokes: Strokes) -> Layer:
+def _layer(number: int, layer: FileLayer, strokes: Strokes, pause: tuple[str, ...] | None) -> Layer:
     colors = strokes.colors
-    return Layer(number, layer.name, strokes, colors[0] if len(colors) == 1 else None, layer.pause_before)
+    return Layer(number, layer.name, strokes, colors[0] if len(colors) == 1 else None, pause is not None, pause or ())

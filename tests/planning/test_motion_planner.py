@@ -56,6 +56,14 @@ def test_actions_come_in_order_and_strokes_are_numbered_through() -> None:
     assert "red" in pause.message
 
 
+def test_pauses_that_fall_together_are_one_that_names_all() -> None:
+    pen = Layer(4, "!red", (SQUARE,), color="#ff0000", pause_before=True, pause_for=("! wash", "! change"))
+    plain = Layer(5, "blue", (SQUARE,), pause_before=True, pause_for=("! change",))
+    actions = plan([Layer(1, "", (SQUARE,)), pen, plain], settings(), np.zeros(2), None)
+    messages = [action.message for action in actions if isinstance(action, OperatorPause)]
+    assert messages == ["! wash, ! change, next: !red, pen #ff0000", "! change, next: blue"]
+
+
 def test_no_layers_is_just_the_way_home() -> None:
     (way,) = plan([], settings(), np.array([3.0, 4.0]), np.zeros(2))
     assert isinstance(way, Travel)

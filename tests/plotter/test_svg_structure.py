@@ -63,6 +63,38 @@ def test_documentation_pause_hidden_and_locked_layers() -> None:
     assert [layer.name for layer in page(body, hidden="all").layers] == ["!red pen", "off"]
 
 
+def pauses(body: str) -> list[tuple[str, tuple[str, ...]]]:
+    """The layers that pause, and the empty ones whose pause they make."""
+    return [(layer.name, layer.pause_for) for layer in page(body).layers if layer.pause_before]
+
+
+def test_an_empty_layer_that_pauses_does_so_before_the_next_that_is_drawn() -> None:
+    empty = '<g inkscape:groupmode="layer" inkscape:label="{}"{}/>'
+    one, two, own = LAYER.format("1", "a", ""), LAYER.format("2", "b", ""), LAYER.format("!3", "c", "")
+    change, again, nothing = empty.format("! change", ""), empty.format("!again", ""), empty.format("%", "")
+    assert pauses(one + change + two) == [("2", ("! change",))]
+    assert pauses(change + one + two) == [("1", ("! change",))]
+    assert pauses(one + change + nothing + again + two) == [("2", ("! change", "!again"))]
+    assert pauses(one + change + own) == [("!3", ("! change",))]
+    assert pauses(one + empty.format("!off", ' style="display:none"') + two) == []
+
+
+def test_a_pause_that_nothing_follows_is_none_and_is_not_listed() -> None:
+    drawing = page(LAYER.format("1", "a", "") + '<g inkscape:groupmode="layer" inkscape:label="!end"/>')
+    assert [facts.pause_before for facts in drawing.file_layers] == [False, False]
+    assert [layer.pause_before for layer in drawing.layers] == [False]
+
+
+def test_names_are_one_line_that_a_terminal_shows() -> None:
+    given = ("!evil&#10;SM,1,2,3&#x9b;31m", "a&#x202e;b", "&#10;", "%no\u200dte", " Z\u00fcrich  \u65e5\u672c")
+    names = ["!evil SM,1,2,3 31m", "a b", "l2", *given[3:]]
+    drawing = page("".join(LAYER.format(name, f"l{i}", "") for i, name in enumerate(given)))
+    assert [facts.name for facts in drawing.file_layers] == names
+    assert [layer.name for layer in drawing.layers] == [*names[:3], names[4]]
+    nested = page('<path id="a&#x9b;31m" d="M0 0h5" mask="url(#m)"/>').warnings
+    assert nested and all(sentence.isprintable() for sentence in nested)
+
+
 def test_a_layer_has_a_colour_when_its_strokes_agree() -> None:
     same = page('<g id="a"><path stroke="red" d="M0 0h5"/><path stroke="#f00" d="M0 0h5"/></g>').layers[0]
     mixed = page('<g id="a"><path stroke="red" d="M0 0h5"/><path d="M0 0h5"/></g>').layers[0]
