@@ -67,7 +67,9 @@ def arrange(drawing: Drawing, settings: Settings, machine: Machine) -> Arranged:
     """Place `drawing` on `machine` as the settings say. Raises BadInput when nothing is to be drawn."""
     bounds = bounds_mm(drawing.layers)
     if bounds is None:
-        raise BadInput("the drawing has no strokes to draw: give it visible lines, or see --hidden, --fills and --text")
+        raise BadInput(
+            "the drawing has no strokes to draw: give it visible lines, or see --hidden, --fills and --text", drawing.warnings
+        )
     page = (drawing.width_mm, drawing.height_mm)
     turn, notes = _turn(page, bounds, settings, machine)
     matrix, offset, page = _quarter_turns(turn, page)

@@ -115,6 +115,8 @@ def _run(arguments: list[str] | None) -> int:
         _say(error.format_message() + _usage_hint(error))
         return BAD_INPUT
     except tuple(kind for kind, _ in EXIT_CODES) as error:
+        for reason in error.reasons if isinstance(error, BadInput) else ():
+            standard_streams.aside(f"note: {reason}")
         _say(str(error) or "interrupted")
         return next(code for kind, code in EXIT_CODES if isinstance(error, kind))
     except OSError as error:
