@@ -53,7 +53,11 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN if options.control else lambda *_: server.stop())
     assert server.wire is not None
     print(json.dumps({"port": server.wire.port}), flush=True)
-    server.run()
+    try:
+        server.run()
+    except BadCommand as problem:
+        print(problem, file=sys.stderr)
+        return 2
     return 0
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 # At boot: B0 pulled up (button), B1 servo pulses, B2 pulled up, B3 low (engraver), B4 low (pen output), B5 to B7 pulled up.
 _DIRECTION = {"A": 0x2F, "B": 0b11100101, "C": 0xFF, "D": 0xFF, "E": 0x07}
-_WIRED = {"A": 0x01, "B": 0xFF, "C": 0x00, "D": 0x00, "E": 0x00}
+WIRED = {"A": 0x01, "B": 0xFF, "C": 0x00, "D": 0x00, "E": 0x00}
 
 
 @dataclass(slots=True)
@@ -15,7 +15,7 @@ class Pins:
 
     direction: dict[str, int] = field(default_factory=lambda: dict(_DIRECTION))
     latch: dict[str, int] = field(default_factory=lambda: dict.fromkeys("ABCDE", 0))
-    wired: dict[str, int] = field(default_factory=lambda: dict(_WIRED))
+    wired: dict[str, int] = field(default_factory=lambda: dict(WIRED))
 
     def read(self, port: str) -> int:
         """The port as PORTx reads it: outside levels on inputs, the latch on outputs."""

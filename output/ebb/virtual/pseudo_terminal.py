@@ -7,30 +7,33 @@ import pty
 import tty
 from pathlib import Path
 
+from output.errors import BadCommand
+
 
 class PseudoTerminal:
     """An open pty in raw mode; `link`, if given, is a symbolic link to it that goes away with it.
 
     The board's end is `fd`, not blocking. Both ends are held open here, so that the program may come and go.
-    Raises OSError when the link cannot be made.
+    Raises BadCommand when the link cannot be made.
     """
 
     def __init__(self, link: Path | None = None) -> None:
         self.link = link
+        if link is not None:  # before there is a terminal of ours, which may get the number that a link was left behind with
+            _make_room(link)
         self.fd, self._other = pty.openpty()
         tty.setraw(self._other)
         os.set_blocking(self.fd, False)
         self.device = os.ttyname(self._other)
         if link is not None:
-            # Only what an earlier virtual board left behind is replaced.
-            if link.is_symlink() and str(link.readlink()).startswith("/dev/pts/"):
-                link.unlink()
             try:
                 link.symlink_to(self.device)
-            except OSError:
+            except OSError as problem:
                 os.close(self.fd)
                 os.close(self._other)
-                raise
+                raise BadCommand(
+                    f"port {link} cannot be made: {problem.strerror}; choose a path that is not there yet"
+                ) from problem
 
     @property
     def port(self) -> str:
@@ -57,3 +60,14 @@ class PseudoTerminal:
             self.link.unlink()
         os.close(self.fd)
         os.close(self._other)
+
+
+def _make_room(link: Path) -> None:
+    """Takes a link away that an earlier virtual board left behind. Raises BadCommand when its terminal is there."""
+    if link.is_symlink() and (target := link.readlink()).is_relative_to("/dev/pts"):
+        if target.exists():
+            raise BadCommand(
+                f"port {link} cannot be made: {link} leads to {target}, which is there: another virtual board may be running; "
+                "choose another path, or remove the link if none is"
+            )
+        link.unlink(missing_ok=True)

@@ -12,16 +12,19 @@ recorded as `patience_used_s`.
 from __future__ import annotations
 
 import json
+import math
 import os
 import selectors
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from output.ebb.virtual.board import Board, Sent
 from output.ebb.virtual.faults import FaultScript, Outcome
+from output.ebb.virtual.pins import WIRED
 from output.ebb.virtual.pseudo_terminal import PseudoTerminal
 from output.ebb.virtual.record import Recorder
 from output.ebb.virtual.registers import TICKS_PER_S
@@ -30,8 +33,24 @@ from output.errors import BadCommand
 USB_PACKET = 64
 LONGEST_WAIT_S = 0.02
 LATENESS_S = 0.002
+LONGEST_HANGUP_S = 1e9
 # A board that is about to run dry is held this long before it, so that a command can still be parsed in time.
 HOLD_MARGIN_TICKS = 200
+
+
+# How each control command is written.
+_FORMS = {
+    "state": "state",
+    "button": "button",
+    "power": "power on|off",
+    "wire": "wire PORT PIN 0|1",
+    "reboot": "reboot",
+    "hangup": "hangup [SECONDS [PATH]]",
+    "return": "return",
+    "fault": "fault {...}",
+    "record": "record PATH",
+    "stop": "stop",
+}
 
 
 @dataclass(slots=True)
@@ -91,7 +110,7 @@ class Server:
     # ---- the loop
 
     def run(self) -> None:
-        """Serve until told to stop, then write the record."""
+        """Serve until told to stop, then write the record. Raises BadCommand when that cannot be written."""
         last_s = time.monotonic()
         try:
             while not self._stopping:
@@ -123,18 +142,24 @@ class Server:
 
     def close(self) -> None:
         """Write the record and take the wire away."""
-        if self._record is not None:
-            self.write_record(self._record)
-        if self.wire is not None:
-            self._unwatch()
-            self.wire.hang_up()
-            self.wire = None
+        try:
+            if self._record is not None:
+                self.write_record(self._record)
+        finally:
+            if self.wire is not None:
+                self._unwatch()
+                self.wire.hang_up()
+                self.wire = None
 
     def write_record(self, path: Path) -> None:
-        """The record up to now."""
+        """The record up to now. Raises BadCommand when it cannot be written there."""
+        _need_room(path, "the record cannot be written to")
         state = {**self.board.state(), "speed": self._speed, "clock_slip_s": self.clock_slip_s}
         state["patience_used_s"] = self.patience_used_s
-        self.board.recorder.write(path, self.board.now, state)
+        try:
+            self.board.recorder.write(path, self.board.now, state)
+        except OSError as problem:
+            raise BadCommand(f"the record cannot be written to {path}: {problem}; choose another file") from problem
 
     def _watch_wire(self) -> None:
         """Be woken by bytes only while the board would take them: a busy board leaves them in the host's kernel."""
@@ -250,10 +275,18 @@ class Server:
         if self._frozen_until is not None and self._frozen_until <= now:
             self._frozen_until = None
         if self._back_at is not None and self._back_at <= now:
-            self._back_at = None
-            self.wire = PseudoTerminal(self._link)
+            self._come_back()
         for outcome in self._faults.due(self.board):
             self._act(outcome)
+
+    def _come_back(self) -> None:
+        """The port is there again, unless something else is in its place: then it stays away, which is noted."""
+        self._back_at = None
+        if self.wire is None:
+            try:
+                self.wire = PseudoTerminal(self._link)
+            except BadCommand as problem:
+                self.board.recorder.note(self.board.now, str(problem))
 
     def _act(self, outcome: Outcome) -> None:
         """Do what a fault (or nothing special: a plain reply) asks for."""
@@ -296,7 +329,7 @@ class Server:
         self._control_text += data
         *lines, self._control_text = self._control_text.split(b"\n")
         for line in lines:
-            self._answer(self._control_line(line.decode().split()))
+            self._answer(self._control_line(line.decode(errors="replace").split()))
 
     def _answer(self, answer: dict[str, Any]) -> None:
         os.write(self._answers, json.dumps(answer).encode() + b"\n")
@@ -304,37 +337,73 @@ class Server:
     def _control_line(self, words: list[str]) -> dict[str, Any]:
         """One control command; the answer has "error" when it was not understood."""
         board = self.board
+        verb = words[0] if words else ""
         try:
-            verb, *rest = words
-            if verb == "stop":
-                self.stop()
-            elif verb == "record":
-                self.write_record(Path(" ".join(rest)))
-            elif verb == "button":
-                board.press_button()
-            elif verb == "power":
-                board.switch_supply({"on": True, "off": False}[rest[0]])
-            elif verb == "wire":
-                board.wire_pin(rest[0].upper(), int(rest[1]), rest[2] == "1")
-            elif verb == "reboot":
-                board.reboot()
-                self._collect()
-            elif verb == "hangup":
-                self._drop_usb(board.now + round(float(rest[0]) * TICKS_PER_S) if rest else None, rest[1] if rest[1:] else None)
-            elif verb == "return":
-                self._back_at = board.now
-            elif verb == "fault":
-                self._faults.add(json.loads(" ".join(rest)), board)
-            elif verb != "state":
-                return {"error": f"unknown control command {verb!r}"}
+            if verb not in _FORMS:
+                raise BadCommand(f"unknown control command; give one of {', '.join(_FORMS)}")
+            self._obey(verb, _values(verb, words[1:]))
             if verb not in ("state", "record", "stop"):
                 board.recorder.note(board.now, " ".join(words))
         except BadCommand as problem:
             return {"error": f"control command {' '.join(words)!r}: {problem}"}
-        except (ValueError, KeyError, IndexError) as problem:
-            return {"error": f"control command {' '.join(words)!r}: {problem!r}"}
         port = None if self.wire is None else self.wire.port
         return {"now_tick": board.now, "port": port, **board.state()}
+
+    def _obey(self, verb: str, values: list[Any]) -> None:
+        board = self.board
+        if verb == "stop":
+            self.stop()
+        elif verb == "record":
+            self.write_record(*values)
+        elif verb == "button":
+            board.press_button()
+        elif verb == "power":
+            board.switch_supply(*values)
+        elif verb == "wire":
+            board.wire_pin(*values)
+        elif verb == "reboot":
+            board.reboot()
+            self._collect()
+        elif verb == "hangup":
+            away_s, link = values
+            if link is not None:
+                _need_room(Path(link), "the port cannot come back as")
+            self._drop_usb(None if away_s is None else board.now + round(away_s * TICKS_PER_S), link)
+        elif verb == "return":
+            self._come_back()
+        elif verb == "fault":
+            self._faults.add(values[0], board)
+
+
+def _values(verb: str, words: list[str]) -> list[Any]:
+    """What the words of a control command say. Raises BadCommand, with its form, for too few, too many or others."""
+    match verb, words:
+        case "state" | "button" | "reboot" | "return" | "stop", []:
+            return []
+        case "power", ["on" | "off" as supply]:
+            return [supply == "on"]
+        case "wire", [port, pin, "0" | "1" as level] if port.upper() in WIRED and pin in map(str, range(8)):
+            return [port.upper(), int(pin), level == "1"]
+        case "hangup", []:
+            return [None, None]
+        case "hangup", [seconds, *link] if len(link) <= 1:
+            with suppress(ValueError):
+                if math.isfinite(away_s := float(seconds)) and 0 <= away_s <= LONGEST_HANGUP_S:
+                    return [away_s, link[0] if link else None]
+        case "record", [_, *_] if "\0" not in " ".join(words):
+            return [Path(" ".join(words))]
+        case "fault", [_, *_]:
+            with suppress(ValueError):
+                return [json.loads(" ".join(words))]
+    raise BadCommand(f"write it as `{_FORMS[verb]}`")
+
+
+def _need_room(path: Path, what: str) -> None:
+    """Raise BadCommand, beginning with `what`, when no file can be made as `path`."""
+    if not path.parent.is_dir():
+        raise BadCommand(f"{what} {path}: {path.parent} is not a directory; make it first")
+    if path.is_dir():
+        raise BadCommand(f"{what} {path}: it is a directory; give a file in it")
 
 
 def make_server(
@@ -354,8 +423,8 @@ def make_server(
     """A server with its board, its port open. Raises BadCommand for a firmware, speed, link or fault script that cannot be."""
     if not 0 < speed <= 1000:
         raise BadCommand(f"speed is {speed:g}; choose more than 0 and at most 1000")
-    if record is not None and not record.parent.is_dir():
-        raise BadCommand(f"the record cannot be written to {record}: {record.parent} is not a directory; make it first")
+    if record is not None:
+        _need_room(record, "the record cannot be written to")
     script: object = []
     if faults is not None:
         try:
@@ -379,4 +448,4 @@ def make_server(
             patience_s=patience_s,
         )
     except OSError as problem:
-        raise BadCommand(f"port {link} cannot be made: {problem}; choose a path that is not there yet") from problem
+        raise BadCommand(f"there is no pseudo-terminal left ({problem.strerror}): end programs that hold some") from problem
