@@ -102,3 +102,13 @@ def test_a_port_that_is_no_board(files: Path, capsys: pytest.CaptureFixture[str]
 @pytest.mark.parametrize("name", ["good.svg", "missing.ebb"])
 def test_verify_refuses_what_is_no_command_file(name: str, files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     refused(capsys, 2, ["verify", str(files / name)], name)
+
+
+def test_what_the_virtual_board_cannot_be_is_one_sentence(files: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Also what its own process writes."""
+    commands = files / "other.ebb"
+    commands.write_text("# firmware: 9.9.9\nSP,1,100\n")
+    refused(capfd, 2, ["send", str(commands), "--port", "sim"], "no virtual board has firmware 9.9.9; choose one of 2.7.0")
+    good = str(files / "good.svg")
+    refused(capfd, 2, ["plot", good, "--port", "sim", "--firmware", "2.5.0"], "no virtual board has firmware 2.5.0")
+    refused(capfd, 2, ["plot", good, "--port", "sim", "--record", "/nodir/x"], "/nodir is not a directory; make it first")

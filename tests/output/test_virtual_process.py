@@ -13,7 +13,7 @@ import serial
 
 from output.ebb.virtual import VirtualBoard, start_virtual_board
 from output.ebb.virtual.registers import TICKS_PER_S
-from output.errors import BadCommand, LinkLost
+from output.errors import BadCommand
 
 T3 = b"T3,375,400000000,0,0,-200000000,1000,0"
 DEADLINE_S = 5.0
@@ -155,7 +155,7 @@ def test_the_board_ends_with_its_parent_and_keeps_its_record(tmp_path: Path) -> 
 
 
 def test_an_unknown_firmware_or_control_is_refused() -> None:
-    with pytest.raises(LinkLost), start_virtual_board(firmware="1.2.3"):
+    with pytest.raises(BadCommand, match=r"no virtual board has firmware 1\.2\.3"), start_virtual_board(firmware="1.2.3"):
         pass
     with start_virtual_board() as board, pytest.raises(BadCommand, match="unknown control"):
         board.control("fly")
@@ -342,5 +342,5 @@ def test_the_button_at_a_stroke() -> None:
 
 
 def test_a_wrong_script_is_refused() -> None:
-    with pytest.raises(LinkLost), start_virtual_board(faults=[{"fault": "explode", "at": AT}]):
+    with pytest.raises(BadCommand, match="explode"), start_virtual_board(faults=[{"fault": "explode", "at": AT}]):
         pass

@@ -47,7 +47,10 @@ def main() -> int:
             control=0 if options.control else None,
         )
     except BadCommand as problem:
-        print(problem, file=sys.stderr)
+        if options.control:  # whoever reads the answers says it
+            print(json.dumps({"error": str(problem)}), flush=True)
+        else:
+            print(problem, file=sys.stderr)
         return 2
     signal.signal(signal.SIGTERM, lambda *_: server.stop())
     signal.signal(signal.SIGINT, signal.SIG_IGN if options.control else lambda *_: server.stop())

@@ -38,7 +38,10 @@ class VirtualBoard:
         self._selector.register(process.stdout, selectors.EVENT_READ)
         self._text = b""
         self._kept: bytes | None = None
-        self.port: str = str(self._answer(START_DEADLINE_S)["port"])
+        started = self._answer(START_DEADLINE_S)
+        if "error" in started:
+            raise BadCommand(str(started["error"]))
+        self.port: str = str(started["port"])
 
     @property
     def pid(self) -> int:
@@ -141,7 +144,8 @@ def start_virtual_board(
     `faults` a script as in `output.ebb.virtual.faults`; `pty` a symbolic link to make for the port; `pen_down` starts with the
     pen on the paper; `version_line` is what V answers instead of its own line. `patience_s` is how long, in real time, a board
     that is about to run dry waits for the host, for fast runs whose underruns are to be the stream's own.
-    Raises LinkLost when the process does not start, BadCommand on a system without pseudo-terminals.
+    Raises BadCommand for what the board cannot be and on a system without pseudo-terminals, LinkLost when the process does not
+    start.
     """
     need_pseudo_terminals()
     with tempfile.TemporaryDirectory(prefix="virtual-board-") as scratch:
