@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import platformdirs
@@ -36,17 +36,24 @@ from plotter.errors import BadInput
 from plotter.machines.profile import Machine, PenLift, first_fault, load_machine, load_pen_lift, load_quality, machine_key
 
 
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """What a bare number is in, and so are the bounds."""
+
+    name: str
+
+
 def _written(parse: Callable[[str], float]) -> BeforeValidator:
     return BeforeValidator(lambda value: parse(value) if isinstance(value, str) else value)
 
 
-Length = Annotated[float, _written(units.length_mm)]
-Speed = Annotated[float, _written(units.speed_mm_s), Field(gt=0, le=1000, allow_inf_nan=False)]
-Acceleration = Annotated[float, _written(units.acceleration_mm_s2), Field(gt=0, le=100_000, allow_inf_nan=False)]
-Jerk = Annotated[float, _written(units.jerk_mm_s3), Field(gt=0, le=100_000_000, allow_inf_nan=False)]
-Delay = Annotated[float, _written(units.time_s), Field(ge=0, le=60, allow_inf_nan=False)]
-Percent = Annotated[float, _written(units.percent), Field(ge=0, le=100, allow_inf_nan=False)]
-Budget = Annotated[float, _written(units.time_s), Field(ge=0, le=3600, allow_inf_nan=False)]
+Length = Annotated[float, _written(units.length_mm), Unit("mm")]
+Speed = Annotated[float, _written(units.speed_mm_s), Unit("mm/s"), Field(gt=0, le=1000, allow_inf_nan=False)]
+Acceleration = Annotated[float, _written(units.acceleration_mm_s2), Unit("mm/s2"), Field(gt=0, le=100_000, allow_inf_nan=False)]
+Jerk = Annotated[float, _written(units.jerk_mm_s3), Unit("mm/s3"), Field(gt=0, le=100_000_000, allow_inf_nan=False)]
+Delay = Annotated[float, _written(units.time_s), Unit("s"), Field(ge=0, le=60, allow_inf_nan=False)]
+Percent = Annotated[float, _written(units.percent), Unit("%"), Field(ge=0, le=100, allow_inf_nan=False)]
+Budget = Annotated[float, _written(units.time_s), Unit("s"), Field(ge=0, le=3600, allow_inf_nan=False)]
 
 # The longest that may be said between two re-inkings, in millimetres or seconds.
 LONGEST_REINK = 1_000_000.0
@@ -134,10 +141,10 @@ class Settings(BaseModel):
     @model_validator(mode="after")
     def _up_is_above_down(self) -> Settings:
         if self.pen_up <= self.pen_down:
-            raise ValueError(f"pen_up ({self.pen_up:g} %) must be above pen_down ({self.pen_down:g} %)")
+            raise ValueError(f"--pen-up ({self.pen_up:g} %) must be above --pen-down ({self.pen_down:g} %)")
         if self.pen_low is not None and not self.pen_down < self.pen_low <= self.pen_up:
-            bounds = f"above pen_down ({self.pen_down:g} %) and at most at pen_up ({self.pen_up:g} %)"
-            raise ValueError(f"pen_low ({self.pen_low:g} %) must lie {bounds}")
+            bounds = f"above --pen-down ({self.pen_down:g} %) and at most at --pen-up ({self.pen_up:g} %)"
+            raise ValueError(f"--pen-low ({self.pen_low:g} %) must lie {bounds}")
         return self
 
     @field_validator("machine")
@@ -165,7 +172,7 @@ class Settings(BaseModel):
     @model_validator(mode="after")
     def _a_well_has_its_times(self) -> Settings:
         if self.well is not None and self.reink_every is None:
-            raise ValueError(f"well ({self.well}) needs reink_every, to say how often the pen goes there")
+            raise ValueError(f"--well ({self.well}) needs --reink-every, to say how often the pen goes there")
         return self
 
     def reinking(self) -> Reinking | None:
@@ -265,7 +272,10 @@ def resolve(flags: Mapping[str, Any], file: Path | None = None) -> ResolvedSetti
             given[name], origin[name] = height, f"pen lift {lift_name}"
     given.setdefault("lift_time", 0.0)
     given.setdefault("lower_time", 0.0)
-    values = _validated(given)
+    values = _validated(given, origin)
+    if "dip" in flags and values.well is None:
+        wanting = "--well" if values.reink_every is not None else "--reink-every and --well"
+        raise BadInput(f"--dip {flags['dip']} is for re-inking: give {wanting} with it")
     lift = values.pen_lift()
     timed = {}
     for name, value in (("lift_time", lift.lift_s()), ("lower_time", lift.lower_s()), ("pen_low", values.low_percent)):
@@ -275,11 +285,25 @@ def resolve(flags: Mapping[str, Any], file: Path | None = None) -> ResolvedSetti
     return ResolvedSettings(values, {name: origin.get(name, "default") for name in Settings.model_fields})
 
 
-def _validated(given: Mapping[str, Any]) -> Settings:
+def _validated(given: Mapping[str, Any], origin: Mapping[str, str]) -> Settings:
     try:
         return Settings.model_validate(given)
     except ValidationError as error:
-        raise BadInput(f"settings: {first_fault(error)}; see `plotter settings --help-all` for what it may be") from None
+        fault = first_fault(error, lambda key, value: _as_given(key, value, origin), _unit)
+        raise BadInput(f"{fault}; see `plotter settings --help-all` for what it may be") from None
+
+
+def _as_given(key: str, value: object, origin: Mapping[str, str]) -> str:
+    """A setting as its flag, or as its file has it."""
+    where = origin.get(key, "flag")
+    return f"--{key.replace('_', '-')} {value}" if where == "flag" else f"{where}: {key} = {value!r}"
+
+
+def _unit(key: str) -> str:
+    """The unit that a setting's bounds are in; nothing for one that has none."""
+    field = Settings.model_fields[key]
+    marks = [*field.metadata, *(mark for kind in get_args(field.annotation) for mark in get_args(kind)[1:])]
+    return next((mark.name for mark in marks if isinstance(mark, Unit)), "")
 
 
 def _read_file(file: Path | None) -> dict[str, Any]:

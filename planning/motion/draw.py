@@ -110,7 +110,7 @@ def _naming(number: int) -> Iterator[None]:
     try:
         yield
     except ImpossiblePlan as error:
-        raise ImpossiblePlan(f"stroke {number}: {error}") from error
+        raise ImpossiblePlan(f"stroke {number + 1}: {error}") from error
 
 
 def _even_limits(stroke: Stroke, limits: Limits, kinematics: Kinematics) -> Limits:

@@ -57,36 +57,40 @@ class MotionSettings:
 
 
 def check_bounds(layers: Iterable[Layer], bounds_mm: Bounds) -> None:
-    """Raise OutsideMachine, naming the stroke that sticks out furthest, unless every point lies inside `bounds_mm`.
+    """Raise OutsideMachine, naming the stroke that sticks out furthest, its number in its layer from 1, unless every point lies
+    inside `bounds_mm`.
 
     O(points).
     """
     (x0, y0), (x1, y1) = bounds_mm
     worst = OUTSIDE_MM
     message = ""
-    number = 0
     for layer in layers:
-        for stroke in layer.strokes:
+        for number, stroke in enumerate(layer.strokes, 1):
             low, high = stroke.points_mm.min(axis=0), stroke.points_mm.max(axis=0)
             out = {"left": x0 - low[0], "top": y0 - low[1], "right": high[0] - x1, "bottom": high[1] - y1}
             side, by = max(out.items(), key=lambda item: float(item[1]))
             if by > worst:
                 worst = float(by)
                 message = (
-                    f"layer {layer.number} ({layer.name}), stroke {number} sticks out {worst:.3g} mm beyond the machine's "
-                    f"travel x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm ({side}); "
-                    "move or scale the drawing, or choose a larger machine"
+                    f"layer {layer.number} ({layer.name}), stroke {number} sticks out {_rounded(worst)} mm beyond the "
+                    f"machine's travel x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm ({side}); "
+                    "move or scale the drawing (--fit does), or choose a larger machine"
                 )
-            number += 1
     if message:
         raise OutsideMachine(message)
+
+
+def _rounded(length_mm: float) -> str:
+    """To three digits, or whole where there are more before the point."""
+    return f"{length_mm:.0f}" if length_mm >= 999.5 else f"{max(length_mm, 0.001):.3g}"
 
 
 def plan(layers: Iterable[Layer], settings: MotionSettings, start_mm: Array, end_mm: Array | None) -> Iterator[Action]:
     """The plan of `layers`, drawn in order from `start_mm` (2,), ending at `end_mm` or over the last stroke's end when None.
 
     Actions come as soon as their chunk is planned, the Draws of a long stroke window by window; memory is bounded by a chunk.
-    Raises ImpossiblePlan naming the stroke that cannot be planned (its number in the plan, from 0) and OutsideMachine for one
+    Raises ImpossiblePlan naming the stroke that cannot be planned (its number in the plan, from 1) and OutsideMachine for one
     that leaves the machine's travel, or a well that is outside.
     """
     check_well(settings.reinking, settings.bounds_mm)

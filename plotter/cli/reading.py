@@ -13,7 +13,7 @@ import numpy as np
 from output.wording import counted
 from plotter.cli.help import HeadedCommand, HeadedOption, Heading
 from plotter.cli.outputs import spare
-from plotter.cli.standard_streams import aside
+from plotter.cli.say import notes
 from plotter.errors import BadInput
 from plotter.svg.drawing import Drawing
 from plotter.svg.options import Budgets, Fills, Hidden, LayerRule, ReadOptions, Text
@@ -129,10 +129,9 @@ def collect_reading(options: dict[str, Any]) -> ReadOptions:
 
 
 def read_file(file: str, options: ReadOptions) -> Drawing:
-    """The drawing of `file`, `-` being standard input; its warnings go to stderr. Raises BadInput."""
+    """The drawing of `file`, `-` being standard input; its notes go to stderr. Raises BadInput."""
     drawing = read_drawing(Path(file) if file != "-" else source_bytes(file, options)[1], options)
-    for warning in drawing.warnings:
-        aside(f"warning: {warning}")
+    notes(drawing.warnings)
     return drawing
 
 
@@ -155,10 +154,10 @@ def layers(file: str, as_json: bool, **options: Any) -> None:
     click.echo(f"page {drawing.width_mm:.2f} x {drawing.height_mm:.2f} mm, {counted(drawing.stroke_count, 'stroke')}")
     for row in rows:
         states = [state for state in ("hidden", "locked", "documentation", "pause_before") if row[state]]
-        notes = f"   {', '.join(states).replace('_', ' ')}" if states else ""
+        said = f"   {', '.join(states).replace('_', ' ')}" if states else ""
         colors = " ".join(row["colors"][:4]) + (" ..." if len(row["colors"]) > 4 else "")
         strokes = counted(row["strokes"], "stroke")
-        click.echo(f"{row['number']:4}  {row['name']:24} {strokes:>16} {row['length_mm']:12.1f} mm   {colors}{notes}")
+        click.echo(f"{row['number']:4}  {row['name']:24} {strokes:>16} {row['length_mm']:12.1f} mm   {colors}{said}")
 
 
 def _rows(drawing: Drawing) -> list[dict[str, Any]]:

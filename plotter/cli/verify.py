@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
+import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TextIO
 
 import click
 import numpy as np
@@ -71,7 +73,7 @@ def verify_file(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Replay COMMANDS with the firmware's exact arithmetic. Exit code 2 when the file should not be sent.
+    """Replay COMMANDS (- reads standard input) with the firmware's exact arithmetic. Exit code 2 when they should not be sent.
 
     \b
     plotter verify drawing.ebb
@@ -83,9 +85,10 @@ def verify_file(
     spare({"command file": file, "drawing": against}, strokes_file)
     faults: list[str] = []
     try:
-        header, lines = read_command_file(file, faults)
+        header, lines = read_command_file(_standard_input() if file == "-" else file, faults)
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"cannot read {file}: {getattr(error, 'strerror', None) or error}; give a command file") from None
+    file = "standard input" if file == "-" else file
     machine = load_machine(machine_name or header.get("machine", DEFAULT_MACHINE))
     version = version or header.get("firmware")
     board = firmware(version or DEFAULT_FIRMWARE)
@@ -112,6 +115,13 @@ def verify_file(
             click.echo(_comparison_said(against, comparison, allowed))
     if not report.sendable:
         raise BadInput(f"{file} should not be sent: {report.problems[0]}" + _more(report.problems))
+
+
+def _standard_input() -> TextIO:
+    """As a file is read: what is no text is told where its line comes."""
+    if isinstance(sys.stdin, io.TextIOWrapper):
+        sys.stdin.reconfigure(encoding="utf-8", errors="surrogateescape")
+    return sys.stdin
 
 
 def head_faults(header: dict[str, str], report: Report) -> list[str]:

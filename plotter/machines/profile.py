@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Literal
@@ -217,8 +218,19 @@ def _toml(name: str) -> dict[str, object]:
 _BOUNDS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
 
 
-def first_fault(error: ValidationError) -> str:
-    """A pydantic refusal in one clause: which key, what was given, and what it must be."""
+def _as_in_a_file(key: str, value: object) -> str:
+    return f"{key} = {value!r}"
+
+
+def first_fault(
+    error: ValidationError,
+    written: Callable[[str, object], str] = _as_in_a_file,
+    unit: Callable[[str], str] = lambda _key: "",
+) -> str:
+    """A pydantic refusal in one clause: which key, what was given, and what it must be.
+
+    `written` says how key and value were given, `unit` what bounds of a key are in.
+    """
     fault = error.errors()[0]
     key = ".".join(str(part) for part in fault["loc"]) or "settings"
     if fault["type"] == "extra_forbidden":
@@ -226,6 +238,7 @@ def first_fault(error: ValidationError) -> str:
     if fault["type"] == "missing":
         return f"{key} is missing"
     context = fault.get("ctx", {})
-    bound = next((f"must be {words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
+    bounds = (f"must be {words} {context[name]:g} {unit(key)}".rstrip() for name, words in _BOUNDS.items() if name in context)
+    bound = next(bounds, None)
     reason = fault["msg"].removeprefix("Value error, ")
-    return f"{key} = {fault['input']!r} {bound or 'is refused: ' + reason}" if fault["loc"] else reason
+    return f"{written(key, fault['input'])} {bound or 'is refused: ' + reason}" if fault["loc"] else reason

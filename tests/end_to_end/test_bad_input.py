@@ -112,3 +112,20 @@ def test_what_the_virtual_board_cannot_be_is_one_sentence(files: Path, capfd: py
     good = str(files / "good.svg")
     refused(capfd, 2, ["plot", good, "--port", "sim", "--firmware", "2.5.0"], "no virtual board has firmware 2.5.0")
     refused(capfd, 2, ["plot", good, "--port", "sim", "--record", "/nodir/x"], "/nodir is not a directory; make it first")
+
+
+def test_a_command_file_by_standard_input(
+    files: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It can be verified; to send it, the keys of a plot are in its way."""
+    commands = files / "good.ebb"
+    assert run(["export", str(files / "good.svg"), "-o", str(commands)]) == 0
+    capsys.readouterr()
+    with commands.open(encoding="utf-8") as file:
+        monkeypatch.setattr("sys.stdin", file)
+        assert run(["verify", "-"]) == 0
+        assert capsys.readouterr().out.startswith("standard input: ")
+    with (files / "picture.svg").open(encoding="utf-8") as file:
+        monkeypatch.setattr("sys.stdin", file)
+        refused(capsys, 2, ["verify", "-"], "line 1 is not text (UTF-8)")
+    refused(capsys, 2, ["send", "-", "--port", "sim"], "cannot read -", "give a command file")

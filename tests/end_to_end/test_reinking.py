@@ -213,7 +213,7 @@ def test_a_well_outside_the_machine_is_refused_with_its_place(tmp_path: Any, cap
         ({"reink_every": "-5min"}, "more than nothing"),
         ({"reink_every": "1e7m"}, "at most 1000 m"),
         ({"reink_every": "1m", "well": "3mm"}, "two lengths with a comma"),
-        ({"well": "3mm,3mm"}, "needs reink_every"),
+        ({"well": "3mm,3mm"}, "needs --reink-every"),
         ({"reink_every": "1m", "well": "3mm,3mm", "dip": "61s"}, "at most 60"),
     ],
 )

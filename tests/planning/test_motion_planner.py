@@ -122,6 +122,9 @@ def test_a_drawing_that_sticks_out_is_refused_with_the_stroke_and_what_to_do() -
     layers = [Layer(1, "ok", (SQUARE,)), Layer(2, "wide", (stroke((10, 10), (301.5, 20)),))]
     with pytest.raises(OutsideMachine, match=r"layer 2 \(wide\), stroke 1 sticks out 1\.5 mm .*move or scale"):
         check_bounds(layers, BOUNDS)
+    far = [Layer(1, "ok", (SQUARE,)), Layer(4, "far", (SQUARE, stroke((9700 + 300, 20))))]
+    with pytest.raises(OutsideMachine, match=r"layer 4 \(far\), stroke 2 sticks out 9700 mm .*\(--fit does\)"):
+        check_bounds(far, BOUNDS)
     with pytest.raises(OutsideMachine, match="wide"):
         list(plan(layers, settings(), np.zeros(2), None))
     check_bounds([Layer(1, "edge", (stroke((0, 0), (300, 218)),))], BOUNDS)

@@ -56,15 +56,24 @@ def test_a_flag_overrides_the_file_and_the_file_the_quality(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("flags", "part"),
     [
-        ({"draw_speed": "5000"}, "draw_speed = '5000' must be at most 1000"),
-        ({"draw_speed": "0"}, "must be more than 0"),
-        ({"tolerance": "1mm"}, "must be at most 0.2"),
+        ({"draw_speed": "5000"}, "--draw-speed 5000 must be at most 1000 mm/s; see"),
+        ({"draw_speed": "0"}, "must be more than 0 mm/s"),
+        ({"draw_jerk": "0"}, "must be more than 0 mm/s3"),
+        ({"tolerance": "1mm"}, "--tolerance 1mm must be at most 0.2 mm"),
+        ({"max_stroke": "0"}, "--max-stroke 0 must be more than 0 mm"),
+        ({"dot_dwell": "2min"}, "--dot-dwell 2min must be at most 60 s"),
+        ({"lead": "2"}, "--lead 2 must be at most 1.2 s"),
+        ({"pen_up": "120"}, "--pen-up 120 must be at most 100 %"),
+        ({"overlap": "2"}, "--overlap 2 must be at most 1;"),
+        ({"draw_speed": "fast"}, "--draw-speed fast is refused: 'fast' is not a number with one of the units mm/s"),
+        ({"dip": "1s"}, "--dip 1s is for re-inking: give --reink-every and --well with it"),
+        ({"dip": "1s", "reink_every": "2m"}, "--dip 1s is for re-inking: give --well with it"),
+        ({"well": "1,2"}, "--well (1,2) needs --reink-every"),
         ({"drwa_speed": "50"}, "no setting 'drwa_speed'"),
         ({"machine": "axidraw-v9"}, "axidraw-v9"),
         ({"quality": "best"}, "quality 'best'"),
-        ({"pen_up": "120%"}, "pen_up"),
-        ({"pen_up": "30", "pen_down": "60"}, "pen_up"),
-        ({"draw_speed": "inf"}, "draw_speed"),
+        ({"pen_up": "30", "pen_down": "60"}, "--pen-up (30 %) must be above --pen-down (60 %)"),
+        ({"draw_speed": "inf"}, "--draw-speed"),
     ],
 )
 def test_what_is_out_of_bounds_is_refused_by_name(flags: dict[str, str], part: str, tmp_path: Path) -> None:
@@ -73,6 +82,15 @@ def test_what_is_out_of_bounds_is_refused_by_name(flags: dict[str, str], part: s
     with pytest.raises(BadInput) as refusal:
         resolve(flags, empty)
     assert part in str(refusal.value)
+
+
+def test_what_is_out_of_bounds_in_the_file_is_named_with_it(tmp_path: Path) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_text("draw_speed = 5000\ndip = 1\n")  # a dip of one's own is there for when there is a well
+    with pytest.raises(BadInput) as refusal:
+        resolve({}, file)
+    assert str(refusal.value).startswith(f"settings file {file}: draw_speed = 5000 must be at most 1000 mm/s; see ")
+    assert resolve({"draw_speed": "50"}, file).values.dip == 1
 
 
 def test_an_unknown_key_in_the_file_is_an_error(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def test_strokes_writes_polylines_in_document_order(file: Path, tmp_path: Path, 
     assert json.loads(out.read_text()) == {"width_mm": 100, "height_mm": 100, "polylines": [[[0, 0], [10, 0], [10, 10]]]}
     said = capsys.readouterr()
     assert said.out == ""
-    assert said.err.count("warning: ") == 2 and "%note" in said.err and "1 text was" in said.err
+    assert said.err.count("note: ") == 2 and "warning" not in said.err and "%note" in said.err and "1 text was" in said.err
 
 
 def test_standard_input_and_output(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
