@@ -83,9 +83,10 @@ def unattended(
     return ended, Part.of(state.part)
 
 
-def test_ended_in_it_without_a_terminal_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody could go on from it: the same pause again would be the end of every resume."""
-    job, memory, part = job_of(tmp_path, "3.0.3", LAYERS), MemoryBoard(), None
+@pytest.mark.parametrize("drawing", [LAYERS, LAYERS.replace('"!2">', '"!wash"/><g i:groupmode="layer" i:label="2">')])
+def test_ended_in_it_without_a_terminal_and_resumed(drawing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody could go on from it: the same pause again would be the end of every resume. It may be an empty layer's."""
+    job, memory, part = job_of(tmp_path, "3.0.3", drawing), MemoryBoard(), None
     outcomes = []
     for _ in range(3):
         ended, part = unattended(job, memory, tmp_path / "journal", part, monkeypatch)
