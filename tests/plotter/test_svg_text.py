@@ -226,8 +226,8 @@ def test_markers_too_many_missing_or_in_themselves() -> None:
         page(MARKER.format("") + '<path marker-mid="url(#m)" d="M0 0' + "h1" * 50 + '"/>', budgets=Budgets(markers=40))
 
 
-def test_reading_without_text_loads_no_font_engine() -> None:
+def test_reading_without_text_loads_no_font_engine(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] in ("wasmtime", "HersheyFonts")]:
-        del sys.modules[name]
+        monkeypatch.delitem(sys.modules, name)
     page('<path d="M0 0h5"/>')
     assert "wasmtime" not in sys.modules and "HersheyFonts" not in sys.modules
