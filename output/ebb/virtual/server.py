@@ -12,19 +12,17 @@ recorded as `patience_used_s`.
 from __future__ import annotations
 
 import json
-import math
 import os
 import selectors
 import time
 from collections import deque
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from output.ebb.virtual.board import Board, Sent
+from output.ebb.virtual.control_lines import understood
 from output.ebb.virtual.faults import FaultScript, Outcome
-from output.ebb.virtual.pins import WIRED
 from output.ebb.virtual.pseudo_terminal import PseudoTerminal
 from output.ebb.virtual.record import Recorder
 from output.ebb.virtual.registers import TICKS_PER_S
@@ -33,24 +31,8 @@ from output.errors import BadCommand
 USB_PACKET = 64
 LONGEST_WAIT_S = 0.02
 LATENESS_S = 0.002
-LONGEST_HANGUP_S = 1e9
 # A board that is about to run dry is held this long before it, so that a command can still be parsed in time.
 HOLD_MARGIN_TICKS = 200
-
-
-# How each control command is written.
-_FORMS = {
-    "state": "state",
-    "button": "button",
-    "power": "power on|off",
-    "wire": "wire PORT PIN 0|1",
-    "reboot": "reboot",
-    "hangup": "hangup [SECONDS [PATH]]",
-    "return": "return",
-    "fault": "fault {...}",
-    "record": "record PATH",
-    "stop": "stop",
-}
 
 
 @dataclass(slots=True)
@@ -337,11 +319,9 @@ class Server:
     def _control_line(self, words: list[str]) -> dict[str, Any]:
         """One control command; the answer has "error" when it was not understood."""
         board = self.board
-        verb = words[0] if words else ""
         try:
-            if verb not in _FORMS:
-                raise BadCommand(f"unknown control command; give one of {', '.join(_FORMS)}")
-            self._obey(verb, _values(verb, words[1:]))
+            verb, values = understood(words)
+            self._obey(verb, values)
             if verb not in ("state", "record", "stop"):
                 board.recorder.note(board.now, " ".join(words))
         except BadCommand as problem:
@@ -373,29 +353,6 @@ class Server:
             self._come_back()
         elif verb == "fault":
             self._faults.add(values[0], board)
-
-
-def _values(verb: str, words: list[str]) -> list[Any]:
-    """What the words of a control command say. Raises BadCommand, with its form, for too few, too many or others."""
-    match verb, words:
-        case "state" | "button" | "reboot" | "return" | "stop", []:
-            return []
-        case "power", ["on" | "off" as supply]:
-            return [supply == "on"]
-        case "wire", [port, pin, "0" | "1" as level] if port.upper() in WIRED and pin in map(str, range(8)):
-            return [port.upper(), int(pin), level == "1"]
-        case "hangup", []:
-            return [None, None]
-        case "hangup", [seconds, *link] if len(link) <= 1:
-            with suppress(ValueError):
-                if math.isfinite(away_s := float(seconds)) and 0 <= away_s <= LONGEST_HANGUP_S:
-                    return [away_s, link[0] if link else None]
-        case "record", [_, *_] if "\0" not in " ".join(words):
-            return [Path(" ".join(words))]
-        case "fault", [_, *_]:
-            with suppress(ValueError):
-                return [json.loads(" ".join(words))]
-    raise BadCommand(f"write it as `{_FORMS[verb]}`")
 
 
 def _need_room(path: Path, what: str) -> None:
