@@ -12,12 +12,18 @@ from plotter.errors import BadInput
 
 
 def spare(inputs: Mapping[str, str | Path | None], *outputs: str | Path | None) -> None:
-    """Raise BadInput when an output is a file that is read, under whatever name; to be asked before anything is done.
+    """Raise BadInput when an output is a file that is read, under whatever name, or has no folder; to be asked before anything
+    is done.
 
     `inputs` by what they are ("drawing"). `-` is standard input or output, None is not given.
     """
     for output in outputs:
-        written = None if output is None or str(output) == "-" else _file(output)
+        if output is None or str(output) == "-":
+            continue
+        folder = Path(output).parent
+        if not folder.is_dir():
+            raise BadInput(f"{output} cannot be written: there is no folder {folder}; make it first, or give another place")
+        written = _file(output)
         if written is None:
             continue
         for what, source in inputs.items():

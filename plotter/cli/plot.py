@@ -32,6 +32,7 @@ from plotter.errors import BadInput
 from plotter.journals import Part, given_up, journal_path
 from plotter.journals import head as journal_head
 from plotter.pipeline import Job, prepare
+from plotter.preview.formats import picture_format
 from plotter.settings import Settings
 from plotter.units import spoken_duration
 
@@ -61,6 +62,8 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
     if port != SIM and (record or picture or speed != 1.0):
         raise BadInput("--speed, --record and --picture are the virtual board's: give --port sim with them")
     spare({"drawing": file, "settings file": options.get("settings_file")}, record, picture)
+    if picture is not None:
+        picture_format(picture)
     settings = collect(options).values
     device = SIM if port == SIM else choose_port(port)
     reading = collect_reading(options)

@@ -19,6 +19,7 @@ from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
 from plotter.estimate import PlanTally, facts
 from plotter.pipeline import Job, planned, prepare, program
+from plotter.preview.formats import picture_format
 from plotter.preview.picture import draw_picture
 from plotter.preview.table import table_of
 from plotter.units import spoken_duration
@@ -44,6 +45,8 @@ def preview(file: str, output: Path | None, as_json: bool, **options: Any) -> No
     plotter preview drawing.svg --quality draft --json
     """
     spare({"drawing": file, "settings file": options.get("settings_file")}, output)
+    if output is not None:
+        picture_format(output)
     settings = collect(options).values
     job = prepare(file, collect_reading(options), settings)
     notes(job.notes)

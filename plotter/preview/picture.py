@@ -11,6 +11,7 @@ from output.wording import counted
 from planning.geometry.stroke import Points
 from planning.motion.plan import Action
 from plotter.errors import BadInput
+from plotter.preview.formats import picture_format
 from plotter.preview.raster import write_png
 from plotter.preview.sheet import TRAVEL_COLOR, Sheet
 from plotter.preview.table import Table
@@ -78,14 +79,9 @@ Writer = Callable[[Path, Trace, Sheet], None]
 
 
 def _writer(path: Path, dpi: float) -> Writer:
-    suffix = path.suffix.lower()
-    if suffix == ".svg":
+    if picture_format(path) == ".svg":
         return write_svg
-    if suffix == ".png":
-        return lambda where, seen, sheet: write_png(where, seen, sheet, dpi)
-    raise BadInput(
-        f"a picture's name must end in .png or .svg, not {suffix or 'nothing'!r} ({path.name}); give it one of the two"
-    )
+    return lambda where, seen, sheet: write_png(where, seen, sheet, dpi)
 
 
 def _write(

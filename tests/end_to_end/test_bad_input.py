@@ -111,7 +111,7 @@ def test_what_the_virtual_board_cannot_be_is_one_sentence(files: Path, capfd: py
     refused(capfd, 2, ["send", str(commands), "--port", "sim"], "no virtual board has firmware 9.9.9; choose one of 2.7.0")
     good = str(files / "good.svg")
     refused(capfd, 2, ["plot", good, "--port", "sim", "--firmware", "2.5.0"], "no virtual board has firmware 2.5.0")
-    refused(capfd, 2, ["plot", good, "--port", "sim", "--record", "/nodir/x"], "/nodir is not a directory; make it first")
+    refused(capfd, 2, ["plot", good, "--port", "sim", "--record", "/nodir/x"], "there is no folder /nodir; make it first")
 
 
 def test_a_command_file_by_standard_input(

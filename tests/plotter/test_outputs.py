@@ -92,3 +92,26 @@ def test_a_device_may_be_read_and_written(folder: Path, capsys: pytest.CaptureFi
     del folder
     assert run(["export", "O.svg", "-o", "/dev/null"]) == 0
     assert "command" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["preview", "O.svg", "-o", "none/x.png"], "there is no folder none"),
+        (["export", "O.svg", "-o", "none/x.ebb"], "there is no folder none"),
+        (["strokes", "O.svg", "-o", "none/x.json"], "there is no folder none"),
+        (["plot", "O.svg", "--port", "sim", "--picture", "none/x.png"], "there is no folder none"),
+        (["plot", "O.svg", "--port", "sim", "--record", "none/x.json"], "there is no folder none"),
+        (["plot", "O.svg", "--port", "sim", "--picture", "x.bmp"], "must end in .png or .svg, not '.bmp'"),
+        (["preview", "O.svg", "-o", "x"], "must end in .png or .svg, not 'nothing'"),
+    ],
+)
+def test_a_place_where_nothing_can_be_written_is_told_before_anything_is_done(
+    arguments: list[str], said: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    del folder
+    for command in ("preview", "export", "plot"):
+        monkeypatch.setattr(f"plotter.cli.{command}.prepare", lambda *_: pytest.fail("it was begun"))
+    monkeypatch.setattr("plotter.cli.reading.read_drawing", lambda *_: pytest.fail("it was begun"))
+    assert run(arguments) == 2
+    assert said in capsys.readouterr().err
