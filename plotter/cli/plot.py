@@ -24,6 +24,7 @@ from plotter.cli.help import HeadedCommand
 from plotter.cli.options import SIM, collect, settings_options
 from plotter.cli.outputs import spare
 from plotter.cli.parts import plot_in_parts
+from plotter.cli.ranges import NumberRange
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
 from plotter.cli.standard_streams import done
@@ -46,7 +47,7 @@ _AT_WELL_MM = 0.02
     "--port",
     help="Serial port or nickname of the board; `sim` is the built-in virtual board. Default: the only board there is.",
 )
-@click.option("--speed", type=click.FloatRange(0.1, 1000), default=1.0, help="How much faster than real time `sim` runs.")
+@click.option("--speed", type=NumberRange(0.1, 1000), default=1.0, help="How much faster than real time `sim` runs.")
 @click.option("--record", type=click.Path(path_type=Path, dir_okay=False), help="Keep the virtual board's record (JSON).")
 @click.option("--picture", type=click.Path(path_type=Path, dir_okay=False), help="Draw the virtual board's ink: .png or .svg.")
 @settings_options

@@ -18,6 +18,7 @@ from output.ebb.virtual.process import start_virtual_board
 from output.wording import counted
 from plotter.cli.awake import awake
 from plotter.cli.options import SIM
+from plotter.cli.ranges import NumberRange
 from plotter.cli.say import notes, passed_over
 from plotter.cli.standard_streams import done
 from plotter.cli.streaming import finish, patience_s, streamed
@@ -33,7 +34,7 @@ from plotter.units import spoken_duration
     "--port",
     help="Serial port or nickname of the board; `sim` is the built-in virtual board. Default: the only board there is.",
 )
-@click.option("--speed", type=click.FloatRange(0.1, 1000), default=1.0, help="How much faster than real time `sim` runs.")
+@click.option("--speed", type=NumberRange(0.1, 1000), default=1.0, help="How much faster than real time `sim` runs.")
 def send(file: str, port: str | None, speed: float) -> None:
     """Send a command file to a board, after replaying it as `plotter verify` does.
 

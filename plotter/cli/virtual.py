@@ -12,17 +12,18 @@ import click
 from output.ebb.virtual.firmware import FIRMWARES
 from output.ebb.virtual.process import need_pseudo_terminals
 from plotter.cli.outputs import spare
+from plotter.cli.ranges import NumberRange
 
 
 @click.command("virtual")
 @click.option("--pty", "link", type=click.Path(path_type=Path), help="Make this path a link to the port, e.g. ./ebb.")
 @click.option("--firmware", type=click.Choice(list(FIRMWARES)), default="3.0.3", show_default=True, help="What it runs.")
-@click.option("--speed", type=click.FloatRange(0, 1000, min_open=True), default=1.0, show_default=True, help="Times real time.")
+@click.option("--speed", type=NumberRange(0, 1000, min_open=True), default=1.0, show_default=True, help="Times real time.")
 @click.option("--record", type=click.Path(path_type=Path), help="Write what was drawn to this JSON file at the end.")
 @click.option("--faults", type=click.Path(path_type=Path), help="JSON file that says what goes wrong, and when.")
 @click.option("--nickname", default="", help="The board's name tag.")
 @click.option("--pen-down", is_flag=True, help="Start with the pen on the paper.")
-@click.option("--patience", type=click.FloatRange(0, 60), default=0.0, help="Seconds it waits for the host before it runs dry.")
+@click.option("--patience", type=NumberRange(0, 60), default=0.0, help="Seconds it waits for the host before it runs dry.")
 @click.option(
     "--control", is_flag=True, help="Take lines from standard input: button, power off, power on, hangup 2, state, ..."
 )

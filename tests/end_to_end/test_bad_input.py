@@ -129,3 +129,25 @@ def test_a_command_file_by_standard_input(
         monkeypatch.setattr("sys.stdin", file)
         refused(capsys, 2, ["verify", "-"], "line 1 is not text (UTF-8)")
     refused(capsys, 2, ["send", "-", "--port", "sim"], "cannot read -", "give a command file")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "option", "bounds"),
+    [
+        (["plot", "good.svg", "--port", "sim", "--speed", "nan"], "--speed", "0.1 to 1000"),
+        (["send", "good.ebb", "--port", "sim", "--speed", "nan"], "--speed", "0.1 to 1000"),
+        (["virtual", "--speed", "nan"], "--speed", "0 to 1000"),
+        (["virtual", "--patience", "NaN"], "--patience", "0 to 60"),
+    ],
+)
+def test_what_is_no_number_lies_in_no_range(
+    arguments: list[str],
+    option: str,
+    bounds: str,
+    files: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(files)
+    monkeypatch.setattr("output.ebb.virtual.server.Server.run", lambda _: None)
+    refused(capsys, 2, arguments, f"'{option}'", f"{arguments[-1].lower()} is no number", bounds)
