@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterator
 
 # All that would end the program and can be caught.
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2", "SIGALRM")
+# What a person calls those that a terminal's keys send.
+_KEYS = {"SIGINT": "Ctrl-C", "SIGTSTP": "Ctrl-Z"}
 
 
 class StopFlag:
@@ -123,11 +125,11 @@ def signals_stop(flag: StopFlag, *, pauses: bool = False) -> Iterator[None]:
         if number == stop_from_terminal:
             _ctrl_z(flag, number, pauses=pauses)
         elif pauses and number == signal.SIGINT and flag.pause_reason is None and flag.reason is None:
-            flag.pause("paused by Ctrl-C", number)
+            flag.pause(f"paused by {_called(number)}", number)
         elif pauses and number == signal.SIGINT and flag.reason is None and flag.unattended and flag.pause_signal is None:
             flag.pause(flag.pause_reason or "", number)
         else:
-            flag.stop(f"stopped by {signal.Signals(number).name}", number)
+            flag.stop(f"stopped by {_called(number)}", number)
 
     before = {}
     for name in (*SIGNALS, "SIGTSTP"):
@@ -145,13 +147,18 @@ def signals_stop(flag: StopFlag, *, pauses: bool = False) -> Iterator[None]:
         flag.suspend()
 
 
+def _called(number: int) -> str:
+    name = signal.Signals(number).name
+    return _KEYS.get(name, name)
+
+
 def _ctrl_z(flag: StopFlag, number: int, *, pauses: bool) -> None:
     if flag.suspends is not None:
         flag.suspend_in_pause()
     elif not pauses:
         flag.suspend_asked = True
     elif flag.pause_reason is None:
-        flag.pause(f"paused by {signal.Signals(number).name}", number)
+        flag.pause(f"paused by {_called(number)}", number)
 
 
 def suspend_process() -> None:

@@ -63,7 +63,7 @@ def test_signals_only_set_the_flag_and_wake() -> None:
     before = signal.getsignal(signal.SIGINT)
     with signals_stop(stop), stop.waking(lambda: woken.append(1)):
         os.kill(os.getpid(), signal.SIGINT)
-        assert stop.reason == "stopped by SIGINT"
+        assert stop.reason == "stopped by Ctrl-C"
         assert stop.signal_number == signal.SIGINT
         assert not stop.hurry
         os.kill(os.getpid(), signal.SIGTERM)
@@ -81,7 +81,7 @@ def test_where_a_pause_is_possible_the_first_ctrl_c_pauses_and_the_second_stops(
         assert stop.pause_signal == signal.SIGINT
         assert not stop.requested
         os.kill(os.getpid(), signal.SIGINT)
-        assert stop.reason == "stopped by SIGINT"
+        assert stop.reason == "stopped by Ctrl-C"
     for number in (signal.SIGTERM, signal.SIGHUP):
         stop = StopFlag()
         with signals_stop(stop, pauses=True):

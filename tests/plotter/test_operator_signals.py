@@ -103,7 +103,7 @@ def test_ctrl_c_between_two_streams_of_a_plot_stops_it(tmp_path: Path, monkeypat
     monkeypatch.setattr(parts, "_note_part", note_and_be_interrupted)
     ended, memory = plotted(tmp_path, monkeypatch, on_receive=press)
     assert len(noted) == 2
-    assert (ended.result.outcome, ended.result.reason) == ("stopped", "stopped by SIGINT")
+    assert (ended.result.outcome, ended.result.reason) == ("stopped", "stopped by Ctrl-C")
     assert memory.board.state()["pen_up"]
 
 

@@ -497,7 +497,7 @@ def stopped(
 
     def stop() -> None:
         assert operator.stop is not None
-        operator.stop.stop("stopped by SIGINT", signal.SIGINT)
+        operator.stop.stop("stopped by Ctrl-C", signal.SIGINT)
 
     return plotted_until(job, memory, operator, after_s, stop, tmp_path, monkeypatch)
 
