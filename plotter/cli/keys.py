@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import select
 import signal
 import sys
@@ -27,6 +28,11 @@ except ImportError:  # Windows: Ctrl-C and the board's button remain
 
 # How often it is looked whether the shell has given the terminal back: `fg` after `bg` sends nothing.
 _LOOK_EVERY_S = 0.2
+# What function and cursor keys send, and letters with Alt: ESC O Q is F2, no q. A terminal sends all of one at once, so that
+# the rest of one is waited for that long; what comes later followed the Esc key.
+_SEQUENCE = re.compile(rb"\x1b+(?:(?:\[\[?|O)[0-?]*[ -/]*[@-~]|[^\[O\x1b])")
+_SEQUENCE_BEGUN = re.compile(rb"\x1b+(?:(?:\[\[?|O)[0-?]*[ -/]*)?\Z")
+_SEQUENCE_S = 0.1
 
 
 class _Terminal:
@@ -136,15 +142,25 @@ def _listen(terminal: _Terminal, end: int, stop: StopFlag) -> None:
         if terminal.descriptor not in ready or not terminal.in_front():
             continue
         try:
-            pressed = os.read(terminal.descriptor, 16)
+            typed = _read(terminal.descriptor)
         except OSError:
             if terminal.in_front():
                 return
             continue
-        if not pressed:
+        if not typed:
             return
-        for key in pressed.lower():
+        for key in _SEQUENCE_BEGUN.sub(b"", _SEQUENCE.sub(b"", typed)).lower():
             press(chr(key), stop)
+
+
+def _read(descriptor: int) -> bytes:
+    """What has been typed, with the rest of a sequence that it ends in; nothing when the terminal is gone."""
+    typed = os.read(descriptor, 64)
+    while _SEQUENCE_BEGUN.search(typed) and select.select([descriptor], [], [], _SEQUENCE_S)[0]:
+        if not (more := os.read(descriptor, 64)):
+            break
+        typed += more
+    return typed
 
 
 def press(key: str, stop: StopFlag) -> None:

@@ -49,6 +49,48 @@ def test_keys_of_a_terminal_reach_the_flag_and_its_mode_comes_back(monkeypatch: 
     os.close(master)
 
 
+@pytest.mark.parametrize(
+    "typed",
+    [
+        [b"\x1bOQ"],  # F2
+        [b"\x1bOP"],  # F1
+        [b"\x1b[H"],  # Home
+        [b"\x1b[1;5P", b"\x1b[15~", b"\x1b[A"],  # Ctrl-F1, F5, up
+        [b"\x1b[[A"],  # F1 of a Linux console
+        [b"\x1bq"],  # Alt-q
+        [b"\x1b\x1b[H"],  # Alt-Home
+        [b"\x1b", b"[", b"1;2", b"H"],  # Shift-Home, come in pieces
+        [b"x" * 62 + b"\x1bOQ"],  # across what is read at once
+    ],
+)
+def test_function_and_cursor_keys_are_no_letters(typed: list[bytes], monkeypatch: pytest.MonkeyPatch) -> None:
+    stop = StopFlag()
+    keys_are_typed(typed, stop, monkeypatch)
+    assert (stop.pause_reason, stop.reason, stop.home_asked) == (None, None, False)
+
+
+def test_after_an_escape_a_letter_is_a_letter_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    stop = StopFlag()
+    keys_are_typed([b"\x1bOP" + b"p"], stop, monkeypatch)
+    assert stop.pause_reason == "paused by key"
+    keys_are_typed([b"\x1b"], stop, monkeypatch)
+    keys_are_typed([b"q"], stop, monkeypatch)
+    assert stop.reason == "stopped by key"
+
+
+def keys_are_typed(typed: list[bytes], stop: StopFlag, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each a moment after the one before, and whatever they mean is done."""
+    master, slave = pty.openpty()
+    with os.fdopen(slave, "r") as terminal:
+        monkeypatch.setattr(module.sys, "stdin", terminal)
+        with keys(stop):
+            for piece in typed:
+                os.write(master, piece)
+                time.sleep(0.02)
+            time.sleep(0.25)
+    os.close(master)
+
+
 def test_without_a_terminal_there_are_no_keys(monkeypatch: pytest.MonkeyPatch) -> None:
     read_end, write_end = os.pipe()
     with os.fdopen(read_end) as pipe:
