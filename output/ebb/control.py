@@ -22,7 +22,8 @@ class StopFlag:
     """Requests from signal handlers, other threads and buttons, read by the one loop that owns the port.
 
     Every method may be called from a signal handler: it takes no lock and only assigns. `unattended`: no key can be pressed, so
-    that a signal for a pause ends the plot there, and one in a pause as well, motors on.
+    that a signal for a pause ends the plot there, and one in a pause as well, motors on. `knows_home`: there is a home
+    position that a pause can be left for.
     """
 
     def __init__(self) -> None:
@@ -34,6 +35,7 @@ class StopFlag:
         self.leave_asked = False
         self.home_asked = False
         self.unattended = False
+        self.knows_home = True
         # Ctrl-Z: to be done in the pause. Whoever holds the terminal says how (keys.py); without one it is nobody's to ask.
         self.suspend_asked = False
         self.suspends: Callable[[], None] | None = None

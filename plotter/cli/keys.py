@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from output.ebb.control import StopFlag, suspend_process
-from plotter.cli.say import AT_HOME, ways_on
+from plotter.cli.say import ways_on
 from plotter.cli.standard_streams import in_front
 
 try:
@@ -117,7 +117,7 @@ def _suspend(terminal: _Terminal, stop: StopFlag) -> None:
 def _still(stop: StopFlag) -> str:
     if stop.pause_reason is None:
         return "the keys work again"
-    return f"still paused: {ways_on(at_home=stop.pause_reason == AT_HOME)}"
+    return f"still paused: {ways_on(stop)}"
 
 
 def _say(sentence: str) -> None:
@@ -164,13 +164,13 @@ def _read(descriptor: int) -> bytes:
 
 
 def press(key: str, stop: StopFlag) -> None:
-    """What a key does: `p` or space pauses, and goes on when paused; `h` pauses and goes home; `q` stops."""
+    """What a key does: `p` or space pauses, and goes on when paused; `h` pauses and goes home, if known; `q` stops."""
     if key in ("p", " "):
         if stop.pause_reason is None:
             stop.pause("paused by key")
         else:
             stop.never_mind()
-    elif key == "h":
+    elif key == "h" and stop.knows_home:
         if stop.pause_reason is None:
             stop.pause("paused by key")
         stop.go_home()

@@ -133,7 +133,7 @@ def _show(bar: Bar, outlook: _Outlook, stop: StopFlag, before: Progress, progres
     outlook.tell(bar)
     if progress.state is State.PAUSED and _ends_here(stop):
         stop.leave()
-    bar.show(_together(before, progress), leaving=stop.leave_asked)
+    bar.show(_together(before, progress), stop)
 
 
 def _ends_here(stop: StopFlag) -> bool:

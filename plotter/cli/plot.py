@@ -102,13 +102,19 @@ def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | Non
         setup = board_setup(job.settings, job.machine, board.firmware)
         journal = None if head is None else context.enter_context(_begun(head))
 
-        def resumable() -> bool:
-            """What was read from standard input is gone, and so is what a full disk did not take."""
-            return head is not None and head["file"] != "-" and journal is not None and not journal.trouble
+        def not_resumed() -> str:
+            """What this is, where it cannot be resumed: what was read from standard input is gone, and so is what a full disk
+            did not take."""
+            if head is None:
+                return "a plot on the built-in virtual board"
+            if head["file"] == "-":
+                return "a drawing from standard input"
+            return "" if journal is not None and not journal.trouble else "a plot without a journal"
 
-        with told_how_to_go_on(resumable):
+        with told_how_to_go_on(lambda: not not_resumed()):
             ended = plot_in_parts(board, job, setup, journal, _first_part(job), pauses=attended)
-    finish(ended, f"{job.name} on {board.port_name}, firmware {board.firmware}", resumable=resumable())
+    where = f"{job.name} on {board.port_name}, firmware {board.firmware}"
+    finish(ended, where, not_resumed=not_resumed(), board_stays=head is not None)
     done(_summary(job, ended))
     if ended.total.stalls and board_speed <= 1:
         stalls, stalled_s = ended.total.stalls, ended.total.stalled_s

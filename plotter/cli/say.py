@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
+from output.ebb.control import StopFlag
 from output.ebb.progress import Progress as StreamProgress
 from output.ebb.progress import State
 from plotter.cli.standard_streams import aside, in_front
@@ -34,9 +35,9 @@ def meanwhile(sentence: str) -> None:
         aside(sentence)
 
 
-def ways_on(*, at_home: bool = False) -> str:
-    """What can be pressed in a pause."""
-    home = "" if at_home else "h goes home, "
+def ways_on(stop: StopFlag) -> str:
+    """What can be pressed in its pause."""
+    home = "h goes home, " if stop.knows_home and stop.pause_reason != AT_HOME else ""
     return f"p or the board's button goes on, {home}q or Ctrl-C ends the plot"
 
 
@@ -74,14 +75,14 @@ class Bar:
         pace = done.board_time_s / guessed_s if guessed_s else 1.0
         return max(all_s * pace - done.board_time_s, 0.0)
 
-    def show(self, done: StreamProgress, *, leaving: bool = False) -> None:
-        """Called by the stream; must never fail for a terminal that went away. `leaving`: the pause is left as soon as it
-        begins, so that it is not told what ends it."""
+    def show(self, done: StreamProgress, stop: StopFlag) -> None:
+        """Called by the stream; must never fail for a terminal that went away. By what `stop` was asked for, a pause
+        that is left as soon as it begins is not told, and the bar is taken away for the shell."""
         paused = done.message if done.state is State.PAUSED else ""
         try:
-            if paused and paused != self._paused and not leaving:
+            if paused and paused != self._paused and not stop.leave_asked:
                 keyless = f"the board's button goes on, {self.without_keys}"
-                self.tell(f"{paused}: {keyless if self.without_keys else ways_on(at_home=paused == AT_HOME)}")
+                self.tell(f"{paused}: {keyless if self.without_keys else ways_on(stop)}")
             self._paused = paused
             if self.progress is not None:
                 left_s = self.left_s(done)
@@ -89,7 +90,8 @@ class Bar:
                 layer = f"{done.layer.name}: " if done.layer is not None else ""
                 stroke = self.drawn_before + min(done.strokes_done + 1, self._strokes)
                 text = f"{layer}stroke {stroke} of {self.drawn_before + self._strokes}"
-                left = "paused" if paused else "pausing" if done.message else f"{spoken_duration(left_s)} left"
+                pausing = done.message or stop.pause_reason is not None
+                left = "paused" if paused else "pausing" if pausing else f"{spoken_duration(left_s)} left"
                 self.progress.update(self._task, description=text, completed=share, left=left)
                 self.draw(in_front(sys.stderr.fileno()))
         except OSError:

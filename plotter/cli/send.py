@@ -38,6 +38,9 @@ from plotter.units import spoken_duration
 def send(file: str, port: str | None, speed: float) -> None:
     """Send a command file to a board, after replaying it as `plotter verify` does.
 
+    p pauses before the next stroke and goes on. q and Ctrl-C, once, stop: pen up, motors off, exit code 130; there is nothing
+    to resume, so that the carriage is to be pushed home. Ctrl-Z pauses likewise and suspends.
+
     \b
     plotter send drawing.ebb --port /dev/ttyACM0
     """
@@ -50,15 +53,15 @@ def send(file: str, port: str | None, speed: float) -> None:
     version = header.get("firmware", DEFAULT_FIRMWARE)
     if where == SIM:
         with start_virtual_board(firmware=version, speed=speed, keep_wire=False, patience_s=patience_s(speed)) as virtual:
-            _send_to(virtual.port, file, header, items, speed, attended=sys.stdin.isatty())
+            _send_to(virtual.port, file, header, items, speed, built_in=True)
         return
-    _send_to(where, file, header, items, 1.0)
+    _send_to(where, file, header, items)
 
 
 def _send_to(
-    port: str, file: str, header: dict[str, str], items: list[Line], board_speed: float, *, attended: bool = True
+    port: str, file: str, header: dict[str, str], items: list[Line], board_speed: float = 1.0, *, built_in: bool = False
 ) -> None:
-    """`attended`: somebody can end a pause, by key or by a real board's button."""
+    """`built_in`: the board is the virtual one, which goes with this program and has no button to end a pause with."""
     machine = load_machine(header.get("machine", DEFAULT_MACHINE))
     with awake(), connect(port, board_speed=board_speed) as board:
         reach = (0.0, 0.0, machine.width_mm, machine.height_mm)
@@ -72,10 +75,10 @@ def _send_to(
             raise BadInput(
                 f"{file} was not sent to firmware {board.firmware}: {report.problems[0]}; see `plotter verify {file}`"
             )
-        if not attended:
+        if built_in and not sys.stdin.isatty():
             items = list(_without_pauses(items))
         ended = streamed(board, (line.item for line in items), [report.duration_s])
-    finish(ended, f"{file} on {board.port_name}", resumable=False)
+    finish(ended, f"{file} on {board.port_name}", not_resumed="a command file", board_stays=not built_in)
     done(f"sent {file}: {counted(report.commands, 'command')}, {spoken_duration(report.duration_s)} of board time")
 
 

@@ -6,12 +6,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from output.ebb.control import StopFlag, signals_end_here
 from output.ebb.program import Program
 from output.ebb.progress import Progress
+from output.ebb.safe_stop import StopReport
 from output.ebb.session import Board, StreamResult
 from output.errors import LinkLost, PositionLost
 from output.wording import counted
@@ -21,8 +23,9 @@ from plotter.cli.say import progress_bar
 from plotter.errors import Interrupted, Paused
 from plotter.pipeline import Job, stroke_guess_s
 
-# How a plot goes on whose motors have let go.
-FROM_HOME = "push the carriage to its home corner, then `plotter resume --homed`"
+# How a plot goes on whose motors have let go, and what else comes after it.
+_PUSH_HOME = "push the carriage to its home corner"
+FROM_HOME = f"{_PUSH_HOME}, then `plotter resume --homed`"
 
 
 def patience_s(speed: float) -> float:
@@ -42,11 +45,12 @@ class Ended:
 
 
 def streamed(board: Board, items: Program, guess_s: list[float]) -> Ended:
-    """Stream a program that is sent as it is, with a progress bar and keys; Ctrl-C stops it."""
+    """Stream a program that is sent as it is, with a progress bar and keys; Ctrl-C stops it. Nobody knows where its home is."""
     stop, started = StopFlag(), time.monotonic()
+    stop.knows_home = False
     with signals_end_here(stop), progress_bar(guess_s) as bar, keys(stop) as listening:
         bar.without_keys = "" if listening else "Ctrl-C ends it"
-        result = board.stream(items, on_progress=bar.show, stop=stop)
+        result = board.stream(items, on_progress=partial(bar.show, stop=stop), stop=stop)
     return Ended(result, result.progress, time.monotonic() - started)
 
 
@@ -79,18 +83,34 @@ def told_how_to_go_on(resumable: Callable[[], bool]) -> Iterator[None]:
         raise
 
 
-def finish(ended: Ended, where: str, *, resumable: bool = True) -> None:
-    """Raises Paused or Interrupted for a plot that did not come to its end, saying what became of the pen, and, where it is
-    `resumable`, how to go on."""
-    result, drawn = ended.result, ended.drawn_before + ended.total.strokes_done
-    strokes = f"after {counted(drawn, 'stroke')}"
+def finish(ended: Ended, where: str, *, not_resumed: str = "", board_stays: bool = True) -> None:
+    """Raises Paused or Interrupted for a plot that did not come to its end: what became of pen and motors, and what next.
+
+    `not_resumed` names what it is, where that cannot be resumed. Without `board_stays`, as the built-in virtual board goes with
+    this program, there is nothing to be done.
+    """
+    result = ended.result
     if result.outcome == "done":
         return
-    if result.outcome == "paused":
-        if resumable:
-            raise Paused(f"paused: {where} {strokes}; the pen is up and the motors hold: `plotter resume` goes on")
-        raise Interrupted(f"stopped by Ctrl-C: {where} {strokes}; the pen is up")
-    report = result.stop
-    pen = "the pen is up" if report is not None and report.pen_up else "THE PEN MAY BE DOWN: lift it by hand"
-    again = f"; {FROM_HOME} to go on with it" if resumable else ""
-    raise Interrupted(f"{result.reason}: {where} {strokes}; {pen} and the motors are off{again}")
+    so_far = f"{where} after {counted(ended.drawn_before + ended.total.strokes_done, 'stroke')}"
+    if result.outcome == "stopped":
+        raise Interrupted(f"{result.reason}: {so_far}; {_after_a_stop(result.stop, not_resumed, board_stays)}")
+    if result.outcome not in ("paused", "left", "held"):
+        raise ValueError(f"{result.outcome!r} is no way for a plot to end")
+    if not board_stays:
+        raise Interrupted(f"stopped by Ctrl-C: {so_far}; the pen is up")
+    after = "`plotter resume` goes on"
+    if not_resumed:
+        after = f"{not_resumed} cannot be resumed, `plotter home` brings the carriage home, `plotter disable` lets go of it"
+    raise Paused(f"paused: {so_far}; the pen is up and the motors hold: {after}")
+
+
+def _after_a_stop(report: StopReport | None, not_resumed: str, board_stays: bool) -> str:
+    """What the board has confirmed, and the next step."""
+    after = f"{_PUSH_HOME} before the next plot" if not_resumed else f"{FROM_HOME} to go on with it"
+    if report is not None and report.pen_up:
+        return "the pen is up and the motors are off" + (f": {after}" if board_stays else "")
+    return (
+        "THE PEN MAY BE DOWN: lift it by hand; the board has not confirmed the stop, so that the motors may be on: "
+        f"`plotter disable` lets go of them, {after}"
+    )

@@ -12,7 +12,8 @@ import pytest
 
 from output.ebb.control import StopFlag
 from output.ebb.progress import Progress, State
-from output.ebb.session import connect
+from output.ebb.safe_stop import StopReport
+from output.ebb.session import StreamResult, connect
 from output.errors import BoardRefused, LinkLost
 from plotter.board_setup import board_setup
 from plotter.cli import parts
@@ -20,7 +21,7 @@ from plotter.cli.main import run
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.say import Bar
 from plotter.cli.streaming import Ended, finish, told_how_to_go_on
-from plotter.errors import Interrupted
+from plotter.errors import Interrupted, Paused
 from plotter.journals import Part
 from tests.output.board_in_memory import MemoryBoard
 from tests.output.inline_producer import inline_producer  # noqa: F401 - a fixture
@@ -106,7 +107,7 @@ def test_the_bar_counts_the_whole_drawing(monkeypatch: pytest.MonkeyPatch) -> No
     bar, shown = Bar([1.0, 1.0]), Shown()
     bar.progress, bar._task, bar.drawn_before = shown, 0, 2  # type: ignore[assignment]
     for done, words in ((0, "stroke 3 of 4"), (1, "stroke 4 of 4"), (2, "stroke 4 of 4")):
-        bar.show(replace(Progress(), strokes_done=done, state=State.RUNNING))
+        bar.show(replace(Progress(), strokes_done=done, state=State.RUNNING), StopFlag())
         assert shown.described == words
 
 
@@ -145,3 +146,37 @@ def test_ctrl_c_while_the_drawing_is_read_is_answered(
     (tmp_path / "a.svg").write_text("<svg/>")
     assert run(["plot", str(tmp_path / "a.svg"), "--port", "sim"]) == 130
     assert capsys.readouterr().err.split("\n") == ["", "plotter: interrupted", ""]
+
+
+def ended_as(outcome: str, **result: Any) -> Ended:
+    return Ended(StreamResult(outcome, "stopped by key", Progress(), None, **result), Progress(strokes_done=1), 1.0)
+
+
+@pytest.mark.parametrize("outcome", ["paused", "left", "held"])
+def test_a_plot_that_ends_in_a_pause_has_its_pen_up_and_its_motors_on(outcome: str) -> None:
+    with pytest.raises(Paused, match=r"x after 1 stroke; the pen is up and the motors hold: `plotter resume` goes on$"):
+        finish(ended_as(outcome), "x")
+    told = r"the pen is up and the motors hold: a file cannot be resumed, `plotter home` .* `plotter disable` lets go of it$"
+    with pytest.raises(Paused, match=told):
+        finish(ended_as(outcome), "x", not_resumed="a file")
+    with pytest.raises(Interrupted, match=r"stopped by Ctrl-C: x after 1 stroke; the pen is up$"):
+        finish(ended_as(outcome), "x", not_resumed="a file", board_stays=False)
+
+
+def test_an_end_that_nobody_knows_is_no_stop() -> None:
+    with pytest.raises(ValueError, match="'gone' is no way"):
+        finish(ended_as("gone"), "x")
+
+
+def test_what_the_board_has_not_confirmed_is_not_said_of_pen_and_motors() -> None:
+    """It answered nothing: the motors may be on as well as the pen down."""
+    unconfirmed = StopReport(False, None, 0.5, "it answers nothing")
+    for not_resumed, after in (("", "then `plotter resume --homed` to go on with it"), ("a file", "before the next plot")):
+        with pytest.raises(Interrupted) as told:
+            finish(ended_as("stopped", stop=unconfirmed), "x", not_resumed=not_resumed)
+        assert "THE PEN MAY BE DOWN: lift it by hand" in str(told.value)
+        assert "the motors may be on: `plotter disable` lets go of them, push the carriage to its home corner" in str(
+            told.value
+        )
+        assert "are off" not in str(told.value)
+        assert str(told.value).endswith(after)

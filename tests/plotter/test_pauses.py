@@ -317,8 +317,12 @@ def test_quitting_in_a_pause_stops_the_motors(tmp_path: Path, monkeypatch: pytes
     with pytest.raises(Interrupted, match=r"stopped by key: x after \d+ strokes; the pen is up.*`plotter resume --homed`"):
         finish(ended, "x")
     with pytest.raises(Interrupted) as told:
-        finish(ended, "x", resumable=False)
-    assert "resume" not in str(told.value)
+        finish(ended, "x", not_resumed="it")
+    assert str(told.value).endswith(
+        "the pen is up and the motors are off: push the carriage to its home corner before the next plot"
+    )
+    with pytest.raises(Interrupted, match=r"the motors are off$"):
+        finish(ended, "x", not_resumed="it", board_stays=False)
 
 
 @pytest.mark.parametrize("at_s", [0.6, 2.5, 4.4])
