@@ -93,7 +93,7 @@ class Bar:
                 pausing = done.message or stop.pause_reason is not None
                 left = "paused" if paused else "pausing" if pausing else f"{spoken_duration(left_s)} left"
                 self.progress.update(self._task, description=text, completed=share, left=left)
-                self.draw(in_front(sys.stderr.fileno()))
+                self.draw(in_front(sys.stderr.fileno()) and not (paused and stop.suspend_asked))
         except OSError:
             self.progress = None
 

@@ -155,6 +155,40 @@ def test_the_bar_is_not_drawn_over_what_is_typed_while_the_plot_is_in_the_backgr
         check_whole(board, drawing)
 
 
+@needs_bash
+def test_the_bar_is_taken_away_before_the_program_sleeps(drawing: Path) -> None:
+    """Else `pausing` would stand above the shell's `Stopped` for as long as it sleeps."""
+    with start_virtual_board() as board, Shell("xterm") as shell:
+        shell.plot(drawing, board)
+        shell.wait_for("stroke [0-9]+ of")
+        shell.type("\x1a")
+        shown = shell.wait_for("Stopped")
+        left = on_screen(shown)
+        assert any("suspended with the pen up" in line for line in left)
+        assert not [line for line in left if "stroke" in line]
+        shell.type("fg\n")
+        shell.wait_for("still paused")
+        shell.wait_for("stroke [0-9]+ of")
+        shell.type("p")
+        shell.wait_for("plotted drawing.svg", 60)
+
+
+def on_screen(text: str) -> list[str]:
+    """The lines that a terminal shows, without the colours; nothing of ours moves but up and to the line's beginning."""
+    lines, row = [""], 0
+    for number, what, plain in re.findall(r"\x1b\[\??([\d;]*)([A-Za-z])|([\r\n]|[^\x1b\r\n]+)", text):
+        if what == "A":
+            row -= int(number or 1)
+        elif what == "K":
+            lines[row] = ""
+        elif plain == "\n":
+            row += 1
+            lines[row:] = lines[row:] or [""]
+        elif plain not in ("", "\r"):
+            lines[row] += plain
+    return lines
+
+
 def text_while_typing(shell: Shell) -> str:
     """What the terminal shows during a second at the shell's prompt, and a moment after a bar may have been there last."""
     time.sleep(0.5)
