@@ -60,9 +60,9 @@ def interrupted_plot() -> PlotState:
 
 
 def given_up() -> str | None:
-    """The interrupted plot whose place a new one takes, in a sentence; None when there is none."""
+    """The interrupted plot whose place a new one takes, in a sentence; None when there is none that could be resumed."""
     state = load(journal_path())
-    if state is None or not state.interrupted:
+    if state is None or not state.interrupted or state.head.get("file") == "-":
         return None
     began = datetime.fromtimestamp(state.began_s).strftime("%Y-%m-%d %H:%M") if state.began_s else "some time ago"
     drawn = f"interrupted after {counted(len(state.strokes_done), 'stroke')}"

@@ -1,4 +1,5 @@
-"""Keys while a plot runs: `p` pauses and goes on, `h` goes home and waits, `q` stops. Only when stdin is a terminal.
+"""Keys while a plot runs: `p` pauses and goes on, `h` goes home and waits, `q` stops. Only when stdin is a terminal;
+of a drawing that came through it, the terminal has taken its place (standard_streams.keyboard_after_a_drawing).
 
 The terminal is shared with a shell: Ctrl-Z lends it back, `bg` and `&` leave the program without it, `fg` brings it. Its mode
 is touched, and it is read, only while this program is in its foreground; anything else would stop the program in mid-plot.

@@ -27,7 +27,7 @@ from plotter.cli.parts import plot_in_parts
 from plotter.cli.ranges import NumberRange
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
-from plotter.cli.standard_streams import done
+from plotter.cli.standard_streams import done, keyboard_after_a_drawing
 from plotter.cli.streaming import Ended, finish, patience_s, told_how_to_go_on
 from plotter.errors import BadInput
 from plotter.journals import Part, given_up, journal_path
@@ -69,6 +69,8 @@ def plot(file: str, port: str | None, speed: float, record: Path | None, picture
     device = SIM if port == SIM else choose_port(port)
     reading = collect_reading(options)
     job = prepare(file, reading, settings, _start_mm(device, settings))
+    if file == "-":
+        keyboard_after_a_drawing()
     notes(job.notes)
     if port == SIM:
         with start_virtual_board(

@@ -33,6 +33,15 @@ def open_the_closed() -> None:
             setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115 - for as long as it runs
 
 
+def keyboard_after_a_drawing() -> None:
+    """A drawing was read from standard input, to its end: from here on that is the terminal, if there is one, for keys."""
+    if not sys.stdin.isatty():
+        with suppress(OSError):  # no terminal at all, as under cron, or Windows
+            terminal = os.open("/dev/tty", os.O_RDWR)
+            os.dup2(terminal, sys.stdin.fileno())
+            os.close(terminal)
+
+
 def in_front(terminal: int) -> bool:
     """Whether a terminal is ours now, and not the shell's or another program's that was started since."""
     try:

@@ -99,10 +99,10 @@ def finish(ended: Ended, where: str, *, not_resumed: str = "", board_stays: bool
         raise ValueError(f"{result.outcome!r} is no way for a plot to end")
     if not board_stays:
         raise Interrupted(f"stopped by Ctrl-C: {so_far}; the pen is up")
-    after = "`plotter resume` goes on"
+    after = ": `plotter resume` goes on"
     if not_resumed:
-        after = f"{not_resumed} cannot be resumed, `plotter home` brings the carriage home, `plotter disable` lets go of it"
-    raise Paused(f"paused: {so_far}; the pen is up and the motors hold: {after}")
+        after = f"; {not_resumed} cannot be resumed: `plotter home` brings the carriage home, `plotter disable` lets go of it"
+    raise Paused(f"paused: {so_far}; the pen is up and the motors hold{after}")
 
 
 def _after_a_stop(report: StopReport | None, not_resumed: str, board_stays: bool) -> str:

@@ -35,13 +35,13 @@ def commands(drawing: Path, capsys: pytest.CaptureFixture[str]) -> Path:
 
 
 class Terminal:
-    """The program on a terminal of its own."""
+    """The program, or another, on a terminal of its own."""
 
-    def __init__(self, *arguments: str, term: str = "xterm") -> None:
+    def __init__(self, *arguments: str, code: str = PROGRAM) -> None:
         self.child, self.master = pty.fork()
         if self.child == 0:
-            environment = {**os.environ, "TERM": term, "COLUMNS": "250"}
-            os.execve(sys.executable, [sys.executable, "-c", PROGRAM, *arguments], environment)
+            environment = {**os.environ, "TERM": "xterm", "COLUMNS": "250"}
+            os.execve(sys.executable, [sys.executable, "-c", code, *arguments], environment)
         self.text = ""
         self.code: int | None = None
 

@@ -156,7 +156,7 @@ def ended_as(outcome: str, **result: Any) -> Ended:
 def test_a_plot_that_ends_in_a_pause_has_its_pen_up_and_its_motors_on(outcome: str) -> None:
     with pytest.raises(Paused, match=r"x after 1 stroke; the pen is up and the motors hold: `plotter resume` goes on$"):
         finish(ended_as(outcome), "x")
-    told = r"the pen is up and the motors hold: a file cannot be resumed, `plotter home` .* `plotter disable` lets go of it$"
+    told = r"the pen is up and the motors hold; a file cannot be resumed: `plotter home` .* `plotter disable` lets go of it$"
     with pytest.raises(Paused, match=told):
         finish(ended_as(outcome), "x", not_resumed="a file")
     with pytest.raises(Interrupted, match=r"stopped by Ctrl-C: x after 1 stroke; the pen is up$"):
