@@ -33,6 +33,10 @@ class Errand(Generic[Result]):
         self.done = False
         self._thread = errand_thread(self._run)
 
+    def wait(self, most_s: float) -> None:
+        """Waits for it to be `done`, but no longer than that."""
+        self._thread.join(most_s)
+
     def result(self) -> Result:
         """What `work` returned, waiting for it when it is not `done`. Raises what it raised."""
         self._thread.join()

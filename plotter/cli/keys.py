@@ -19,7 +19,7 @@ from typing import Any
 
 from output.ebb.control import StopFlag, suspend_process
 from plotter.cli.say import ways_on
-from plotter.cli.standard_streams import in_front
+from plotter.cli.standard_streams import in_front, in_time
 
 try:
     import termios
@@ -54,14 +54,14 @@ class _Terminal:
             self._shells_mode = None
         elif self._shells_mode is None:
             self._shells_mode = termios.tcgetattr(self.descriptor)
-            # What was typed while the drawing was prepared counts.
-            tty.setcbreak(self.descriptor, termios.TCSADRAIN)
+            # At once: what was typed while the drawing was prepared counts, and what is to be shown may never be (Ctrl-S).
+            tty.setcbreak(self.descriptor, termios.TCSANOW)
         return self._shells_mode is not None
 
     def give_back(self) -> None:
         if self._shells_mode is not None and self.in_front():
             with contextlib.suppress(termios.error):  # a terminal that was closed has no mode any more
-                termios.tcsetattr(self.descriptor, termios.TCSADRAIN, self._shells_mode)
+                termios.tcsetattr(self.descriptor, termios.TCSANOW, self._shells_mode)
         self._shells_mode = None
 
 
@@ -123,7 +123,7 @@ def _still(stop: StopFlag) -> str:
 
 def _say(sentence: str) -> None:
     with contextlib.suppress(OSError, ValueError):  # a closed terminal, or stream
-        print(sentence, file=sys.stderr, flush=True)
+        in_time(lambda: print(sentence, file=sys.stderr, flush=True))
 
 
 def _listen(terminal: _Terminal, end: int, stop: StopFlag) -> None:

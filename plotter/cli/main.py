@@ -83,10 +83,11 @@ def main(arguments: list[str] | None = None) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     standard_streams.open_the_closed()
     code = _run(arguments)
-    standard_streams.settle()
+    standard_streams.in_time(standard_streams.settle)
     if still_busy():
         # A plot, or a reading, that was ended early: everything is said and closed, and taking the interpreter down around a
-        # thread that is in the middle of a computation makes extension modules complain on the terminal.
+        # thread that is in the middle of a computation makes extension modules complain on the terminal. Or a terminal takes
+        # nothing, which would be waited for.
         os._exit(code)
     sys.exit(code)
 
@@ -140,7 +141,7 @@ def _internal() -> int:
 
 def _say(message: str) -> None:
     with suppress(OSError):  # a closed terminal does not change how it ended
-        click.echo(f"plotter: {message}", err=True)
+        standard_streams.in_time(lambda: click.echo(f"plotter: {message}", err=True))
 
 
 def _usage_hint(error: click.ClickException) -> str:

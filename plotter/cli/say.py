@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -13,7 +14,7 @@ import numpy as np
 from output.ebb.control import StopFlag
 from output.ebb.progress import Progress as StreamProgress
 from output.ebb.progress import State
-from plotter.cli.standard_streams import aside, in_front
+from plotter.cli.standard_streams import aside, in_front, in_time
 from plotter.units import spoken_duration
 
 if TYPE_CHECKING:
@@ -101,14 +102,15 @@ class Bar:
         """Draws the bar from now on, or takes it away: in the background it would be drawn over what is typed there."""
         if self.progress is not None and wanted != self._drawn:
             self._drawn = wanted
-            (self.progress.start if wanted else self.progress.stop)()
+            in_time(self.progress.start if wanted else self.progress.stop)
 
     def tell(self, sentence: str) -> None:
         """A line on stderr, above the bar where there is one. Raises OSError when the terminal is gone."""
         if self.progress is None:
-            click.echo(sentence, err=True)
+            in_time(lambda: click.echo(sentence, err=True))
         else:
-            self.progress.console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+            above = partial(self.progress.console.print, markup=False, highlight=False, soft_wrap=True)
+            in_time(lambda: above(sentence))
 
 
 def _drawn_bar() -> Progress:
@@ -123,6 +125,7 @@ def _drawn_bar() -> Progress:
         TextColumn("{task.fields[left]}"),
         console=Console(file=sys.stderr),
         transient=True,
+        redirect_stdout=False,  # what is said there is said when the bar has gone, and may go elsewhere
     )
 
 

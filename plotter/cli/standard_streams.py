@@ -5,14 +5,30 @@ from __future__ import annotations
 import errno
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 
 import click
+
+from output.errand import Errand
 
 # Whoever read the output is gone: a pipe or a terminal that was closed.
 NOBODY_READS = (errno.EPIPE, errno.EIO)
 # There is no room for it: a full disk, a quota, a limit of size.
 NO_ROOM = tuple(getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG") if hasattr(errno, name))
+
+
+# A terminal takes nothing while it is stopped (Ctrl-S) or its connection is dead; so long it is given for each thing said.
+_WRITE_TIMEOUT_S = 0.5
+
+
+def in_time(write: Callable[[], object]) -> None:
+    """Lets `write` write, and goes on without it when that takes too long: it is written later then, if the program still runs.
+    Raises what was raised by then."""
+    errand = Errand(write)
+    errand.wait(_WRITE_TIMEOUT_S)
+    if errand.done:
+        errand.result()
 
 
 def open_the_closed() -> None:
@@ -66,13 +82,13 @@ def settle() -> None:
 def aside(sentence: str) -> None:
     """Beside what was asked for, on standard error; where nobody can read it, it is dropped: a plot is not its hostage."""
     with suppress(OSError):
-        click.echo(sentence, err=True)
+        in_time(lambda: click.echo(sentence, err=True))
 
 
 def done(sentence: str) -> None:
     """What was done, on standard output. A full disk there does not undo it: then it is said on standard error."""
     try:
-        click.echo(sentence)
+        in_time(lambda: click.echo(sentence))
     except OSError as error:
         settle()
         if error.errno not in NOBODY_READS:
