@@ -38,8 +38,8 @@ from plotter.units import spoken_duration
 def send(file: str, port: str | None, speed: float) -> None:
     """Send a command file to a board, after replaying it as `plotter verify` does.
 
-    p pauses before the next stroke and goes on. q and Ctrl-C, once, stop: pen up, motors off, exit code 130; there is nothing
-    to resume, so that the carriage is to be pushed home. Ctrl-Z pauses likewise and suspends.
+    p pauses before the next stroke, and goes on. q stops, as does the first Ctrl-C, at a terminal or not: pen up, motors off,
+    exit code 130. Nothing of it can be resumed: push the carriage to its home corner then. Ctrl-Z pauses like p, and suspends.
 
     \b
     plotter send drawing.ebb --port /dev/ttyACM0

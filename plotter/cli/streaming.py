@@ -112,5 +112,5 @@ def _after_a_stop(report: StopReport | None, not_resumed: str, board_stays: bool
         return "the pen is up and the motors are off" + (f": {after}" if board_stays else "")
     return (
         "THE PEN MAY BE DOWN: lift it by hand; the board has not confirmed the stop, so that the motors may be on: "
-        f"`plotter disable` lets go of them, {after}"
+        f"run `plotter align`, {after}"
     )

@@ -18,7 +18,7 @@ from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from plotter.cli.main import run
 from tests.end_to_end.test_resume import check_stopped, check_whole, wait_for_motion
 
-# A line of four seconds, and two short ones; the second layer begins with a pause.
+# A line of seven seconds, and two short ones; the second layer begins with a pause.
 DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"
  width="100mm" height="60mm" viewBox="0 0 100 60" stroke="black">
  <g inkscape:groupmode="layer" inkscape:label="1"><path d="M10 10H90"/></g>
@@ -30,7 +30,7 @@ PROGRAM = "import sys; from plotter.cli.main import main; main(sys.argv[1:])"
 def commands(drawing: Path, capsys: pytest.CaptureFixture[str]) -> Path:
     """The drawing's command file."""
     file = drawing.with_suffix(".ebb")
-    assert run(["export", str(drawing), "-o", str(file), "--draw-speed", "20mm/s"]) == 0, capsys.readouterr().err
+    assert run(["export", str(drawing), "-o", str(file), "--draw-speed", "12mm/s"]) == 0, capsys.readouterr().err
     return file
 
 
@@ -102,14 +102,14 @@ def test_send_knows_no_home(commands: Path, drawing: Path) -> None:
 
 
 def test_send_says_that_a_pause_is_on_its_way(commands: Path) -> None:
-    """It begins before the next stroke of the file, seconds later."""
+    """It begins before the next stroke of the file, five seconds later."""
     with start_virtual_board() as board, Terminal("send", str(commands), "--port", board.port) as terminal:
         wait_for_motion(board)
         time.sleep(1.5)
         terminal.read()
         assert "pausing" not in terminal.text
         terminal.type(b"p")
-        terminal.wait_for("pausing", 1.0)
+        terminal.wait_for("pausing", 2.5)
         terminal.wait_for("ends the plot")
         terminal.type(b"q")
         assert terminal.ended() == 130

@@ -175,8 +175,6 @@ def test_what_the_board_has_not_confirmed_is_not_said_of_pen_and_motors() -> Non
         with pytest.raises(Interrupted) as told:
             finish(ended_as("stopped", stop=unconfirmed), "x", not_resumed=not_resumed)
         assert "THE PEN MAY BE DOWN: lift it by hand" in str(told.value)
-        assert "the motors may be on: `plotter disable` lets go of them, push the carriage to its home corner" in str(
-            told.value
-        )
+        assert "the motors may be on: run `plotter align`, push the carriage to its home corner" in str(told.value)
         assert "are off" not in str(told.value)
         assert str(told.value).endswith(after)
