@@ -288,7 +288,9 @@ def carriage_to(one: Board, settings: Settings, start_mm: np.ndarray, end_mm: np
     with signals_end_here(stop):
         result = one.stream(_travel_program(one, settings, start_mm, end_mm), on_progress=lambda _: None, stop=stop)
     if result.outcome != "done":
-        raise Interrupted(f"{result.reason}: the carriage was stopped on its way, the pen is up and the motors are off")
+        sure = result.stop is not None and result.stop.pen_up
+        after = "the pen is up and the motors are off" if sure else "the board has not confirmed that: run `plotter align`"
+        raise Interrupted(f"{result.reason}: the carriage was stopped on its way; {after}")
     return position_mm(one, settings)
 
 

@@ -6,18 +6,24 @@ import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
 from output.ebb.commands import EM, LT
 from output.ebb.ports import FoundPort
-from output.ebb.session import connect
+from output.ebb.progress import Progress
+from output.ebb.safe_stop import StopReport
+from output.ebb.session import Board, StreamResult, connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from output.errors import BadCommand, BoardRefused, LinkLost
 from plotter.cli import board as tools
 from plotter.cli.main import cli
-from plotter.errors import BadInput
+from plotter.errors import BadInput, Interrupted
+from plotter.settings import resolve
 
 FIRMWARE = ["3.0.3", "2.8.1", "2.7.0"]
 
@@ -202,3 +208,14 @@ def test_here_is_where_the_move_ends_that_is_still_being_made(virtual: VirtualBo
     ink = [stroke["points"] for stroke in virtual.record()["ink"] if len(stroke["points"]) > 1]
     (line,) = ink
     assert sorted((line[0], line[-1])) == [[3810, 0], [4233, 423]]
+
+
+@pytest.mark.parametrize(("pen_up", "said"), [(True, "the motors are off"), (False, "run `plotter align`")])
+def test_what_is_said_of_a_stop_on_the_way_is_what_the_board_has_confirmed(pen_up: bool, said: str) -> None:
+    stop = StopReport(pen_up, None, 0.1, "")
+    result = StreamResult("stopped", "stopped by Ctrl-C", Progress(), None, stop)
+    one = cast(Board, SimpleNamespace(stream=lambda *_, **__: result))
+    with pytest.raises(Interrupted) as told:
+        tools.carriage_to(one, resolve({}).values, np.zeros(2), np.ones(2))
+    assert str(told.value).endswith(said)
+    assert ("motors are off" in str(told.value)) == pen_up
