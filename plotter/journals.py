@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
 from importlib.metadata import version
 from itertools import chain
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import platformdirs
+from pydantic import ValidationError
 
 from output.ebb.commands import Command
 from output.ebb.encode import BoardSetup, encode, epilogue, prologue
@@ -24,6 +25,7 @@ from planning.geometry.stroke import Layer
 from planning.motion.plan import Action, Draw, Lower
 from plotter.board_setup import HOME_MM
 from plotter.errors import BadInput
+from plotter.machines.profile import first_fault
 from plotter.pipeline import Job, planned, planned_from, prepare
 from plotter.settings import Settings
 from plotter.svg.options import Budgets, ReadOptions
@@ -40,6 +42,7 @@ def head(job: Job, file: str, reading: ReadOptions) -> dict[str, Any]:
         "file": str(Path(file).resolve()) if file != "-" else "-",
         "drawing": job.digest,
         "program_version": version("plotter"),
+        "machine": job.machine.model_dump(mode="json"),
         "strokes": job.drawing.stroke_count,
         "start_mm": job.start_mm.tolist(),
         "settings": job.settings.model_dump(),
@@ -48,15 +51,38 @@ def head(job: Job, file: str, reading: ReadOptions) -> dict[str, Any]:
 
 
 def interrupted_plot() -> PlotState:
-    """The journal of the plot to be resumed. Raises BadInput when there is none, or it was finished."""
-    state = load(journal_path())
+    """The journal of the plot to be resumed. Raises BadInput when there is none, or none that this version can go on with."""
+    path = journal_path()
+    state = load(path)
     if state is None:
+        if (unreadable := _unreadable(path)) is not None:
+            raise BadInput(
+                f"the journal {path} cannot be read ({unreadable}): nothing can be resumed, so plot the drawing anew"
+            )
         raise BadInput("there is no interrupted plot to resume: start one with `plotter plot`")
     if not state.interrupted:
         raise BadInput(f"the last plot ({state.head.get('file')}) was finished: there is nothing to resume")
     if state.head.get("file") == "-":
         raise BadInput("the interrupted plot was read from standard input, which is gone: save the drawing and plot it anew")
+    then, now = state.head.get("program_version"), version("plotter")
+    if then != now:  # before anything else of it is read, which may be no longer understood
+        raise _not_resumable(state, f"program version was {then}, is {now}")
     return state
+
+
+def _unreadable(path: Path) -> str | None:
+    """Why the journal there, of which nothing could be read, tells nothing; None when there is none."""
+    try:
+        path.read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        return error.strerror or str(error)
+    return "its head is damaged, or of another version"
+
+
+def _not_resumable(state: PlotState, why: str) -> BadInput:
+    return BadInput(f"the interrupted plot cannot be resumed, because {why}; plot {state.head.get('file')} anew")
 
 
 def given_up() -> str | None:
@@ -72,15 +98,30 @@ def given_up() -> str | None:
 
 def made_again(state: PlotState) -> Job:
     """The job that the journal is of, from the same file and settings. Raises BadInput naming what is not as it was."""
-    reading = dict(state.head["reading"])
-    options = ReadOptions(**{**reading, "budgets": Budgets(**reading["budgets"])})
-    file = str(state.head["file"])
+    options, file = _reading_of(state), str(state.head["file"])
     start_mm = np.array(state.head.get("start_mm", HOME_MM), dtype=np.float64)
-    job = prepare(file, options, Settings.model_validate(state.head["settings"]), start_mm)
+    job = prepare(file, options, settings_of(state), start_mm)
     changed = differences(state.head, head(job, file, options))
     if changed:
-        raise BadInput(f"the interrupted plot cannot be resumed, because {changed[0]}; plot {file} anew")
+        raise _not_resumable(state, changed[0])
     return job
+
+
+def settings_of(state: PlotState) -> Settings:
+    """The settings that the plot was begun with. Raises BadInput, naming the first, when they are not settings any more."""
+    try:
+        return Settings.model_validate(state.head.get("settings"))
+    except ValidationError as error:
+        raise _not_resumable(state, f"its settings are not this version's: {first_fault(error)}") from None
+
+
+def _reading_of(state: PlotState) -> ReadOptions:
+    reading = dict(state.head.get("reading", {}))
+    budgets = dict(reading.pop("budgets", {}))
+    known = {field.name for kind in (ReadOptions, Budgets) for field in fields(kind)}
+    if unknown := sorted({*reading, *budgets} - known):
+        raise _not_resumable(state, f"its reading is not this version's: there is no option '{unknown[0]}'")
+    return ReadOptions(**reading, budgets=Budgets(**budgets))
 
 
 @dataclass(frozen=True, slots=True)

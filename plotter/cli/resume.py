@@ -28,9 +28,8 @@ from plotter.cli.parts import plot_in_parts
 from plotter.cli.say import meanwhile
 from plotter.cli.standard_streams import done
 from plotter.cli.streaming import FROM_HOME, finish, told_how_to_go_on
-from plotter.journals import Part, interrupted_plot, journal_path, made_again, part_after, part_program
+from plotter.journals import Part, interrupted_plot, journal_path, made_again, part_after, part_program, settings_of
 from plotter.pipeline import Job
-from plotter.settings import Settings
 from plotter.units import spoken_duration
 
 _STILL_TIMEOUT_S = 10.0
@@ -51,7 +50,7 @@ def resume(port: str | None, homed: bool) -> None:
     plotter resume --homed          when the motors or the board were off in between
     """
     state = interrupted_plot()
-    settings = Settings.model_validate(state.head["settings"])
+    settings = settings_of(state)
     device = _port(state, port)
     checksums, pen_pin = settings.checksums, settings.pen_lift().other_pin
     with awake(), connect(device, clear=False, checksums=checksums, pen_pin=pen_pin) as board:

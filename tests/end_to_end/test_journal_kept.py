@@ -1,0 +1,118 @@
+"""Which plot the journal is of, whatever happens to it: the one that `plotter resume` would go on with on this paper."""
+
+from __future__ import annotations
+
+import json
+import resource
+import signal
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from output.ebb.virtual.process import VirtualBoard, start_virtual_board
+from plotter.cli.main import run
+from plotter.journals import journal_path
+from tests.end_to_end.test_resume import plot_and_kill, plotting, wait_for_motion
+
+DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" width="100mm" height="60mm" viewBox="0 0 100 60" stroke="black">
+  <path d="M10 10C40 -10 60 50 90 20"/><circle cx="50" cy="30" r="12"/><path d="M10 50H90"/></svg>"""
+SMALL = """<svg xmlns="http://www.w3.org/2000/svg" width="9mm" height="9mm" viewBox="0 0 9 9" stroke="black">
+  <path d="M5 5h3"/></svg>"""
+# Room for a journal's head, its first part and a few records, no more.
+SOME_ROOM = 600
+
+
+@pytest.fixture
+def other(drawing: Path) -> Path:
+    """Another drawing beside the first one."""
+    file = drawing.with_name("other.svg")
+    file.write_text(SMALL)
+    return file
+
+
+@pytest.fixture
+def fast() -> Iterator[VirtualBoard]:
+    with start_virtual_board(speed=20, patience_s=0.2) as board:
+        yield board
+
+
+def interrupted(drawing: Path, board: VirtualBoard) -> bytes:
+    """A plot is killed on the board; its journal."""
+    assert plot_and_kill(drawing, board, 0.1, signal.SIGKILL) == -signal.SIGKILL
+    return journal_path().read_bytes()
+
+
+def head_bytes(journal: bytes) -> int:
+    return journal.index(b"\n") + 1
+
+
+def room(size: int) -> Callable[[], None]:
+    """For a process whose files can be so long and no longer, as on a full disk."""
+    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+
+def resuming(board: VirtualBoard, room_bytes: int) -> subprocess.Popen[str]:
+    code = "import sys; from plotter.cli.main import main; main(sys.argv[1:])"
+    command = [sys.executable, "-c", code, "resume", "--port", board.port]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe, text=True, preexec_fn=room(room_bytes))
+
+
+def rewritten(journal: bytes, change: Callable[[dict[str, Any]], None]) -> bytes:
+    """The journal with another head, sound all the same."""
+    head = json.loads(journal[18 : head_bytes(journal)])
+    change(head)
+    body = json.dumps(head).encode()
+    return b"%08x %08x %s\n" % (len(body), zlib.crc32(body), body) + journal[head_bytes(journal) :]
+
+
+def test_a_machine_that_is_not_as_it_was_is_named(
+    drawing: Path, tmp_path: Path, fast: VirtualBoard, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another scale, on the same paper."""
+    machine = tmp_path / "machine.toml"
+    profile = (Path(__file__).parents[2] / "plotter/machines/axidraw-v3.toml").read_text()
+    machine.write_text(profile)
+    process = plotting(drawing, fast, "--machine", str(machine))
+    wait_for_motion(fast)
+    process.kill()
+    process.communicate(timeout=30)
+    machine.write_text(profile.replace("80.0", "100.0"))
+    assert machine.read_text() != profile
+    assert run(["resume", "--homed", "--port", fast.port]) == 2
+    assert "machine steps per mm was [[80.0, " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("what", ["settings", "reading"])
+@pytest.mark.parametrize("version", ["0.0.1", None])
+def test_a_journal_of_another_version_is_refused_by_name(
+    version: str | None, what: str, drawing: Path, fast: VirtualBoard, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def older(head: dict[str, Any]) -> None:
+        head[what]["gone_since"] = 1
+        head["program_version"] = version or head["program_version"]
+
+    journal_path().write_bytes(rewritten(interrupted(drawing, fast), older))
+    assert run(["resume", "--port", fast.port]) == 2
+    said = capsys.readouterr().err
+    assert ("program version was 0.0.1, is " if version else "gone_since") in said
+    assert f"plot {drawing} anew" in said
+
+
+@pytest.mark.parametrize("damage", ["cut", "noise", "directory"])
+def test_a_journal_that_cannot_be_read_is_said_to_be_there(
+    damage: str, drawing: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = journal_path()
+    path.parent.mkdir(parents=True)
+    if damage == "directory":
+        path.mkdir()
+    else:
+        path.write_bytes(b"0000005b 1c29" if damage == "cut" else bytes(range(256)) * 9)
+    assert run(["resume", "--port", str(drawing)]) == 2
+    assert f"the journal {path} cannot be read" in capsys.readouterr().err
