@@ -73,12 +73,12 @@ def interrupted_plot() -> PlotState:
 def _unreadable(path: Path) -> str | None:
     """Why the journal there, of which nothing could be read, tells nothing; None when there is none."""
     try:
-        path.read_bytes()
+        empty = not path.read_bytes()
     except FileNotFoundError:
         return None
     except OSError as error:
         return error.strerror or str(error)
-    return "its head is damaged, or of another version"
+    return "it is empty, since there was no room for it" if empty else "its head is damaged, or of another version"
 
 
 def _not_resumable(state: PlotState, why: str) -> BadInput:
@@ -86,14 +86,13 @@ def _not_resumable(state: PlotState, why: str) -> BadInput:
 
 
 def given_up() -> str | None:
-    """The interrupted plot whose place a new one takes, in a sentence; None when there is none that could be resumed."""
+    """The interrupted plot that a new one puts an end to, in a clause; None when there is none that could be resumed."""
     state = load(journal_path())
     if state is None or not state.interrupted or state.head.get("file") == "-":
         return None
     began = datetime.fromtimestamp(state.began_s).strftime("%Y-%m-%d %H:%M") if state.began_s else "some time ago"
     drawn = f"interrupted after {counted(len(state.strokes_done), 'stroke')}"
-    told = f"the plot of {state.head.get('file')}, begun {began}, was {drawn}"
-    return f"{told}; this one takes its place, so that it can no longer be resumed"
+    return f"the plot of {state.head.get('file')}, begun {began}, was {drawn}"
 
 
 def made_again(state: PlotState) -> Job:

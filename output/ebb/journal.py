@@ -16,7 +16,8 @@ What is written, and when it counts:
 
 The pen may be anywhere between "done" and "sent" when the computer dies: the board draws on what it has queued.
 Writing goes to the system at once; fsync is done by a thread of its own at each pen-up and at most a second later, so that a
-slow disk cannot make the pen wait. A disk that is full ends the journal with a warning, never the plot.
+slow disk cannot make the pen wait. A disk that is full ends the journal with a warning, never the plot. What the journal said
+is taken away then, which needs no room: a resume would go by what is out of date, and draw again what is drawn.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ import threading
 import time
 import zlib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -47,7 +49,7 @@ FORMAT = 2
 class Journal:
     """Written while streaming (stream.Recorder). Open it with `begin` or `reopen`; it is a context manager.
 
-    `trouble` is None, or says why nothing more is written.
+    `trouble` is None, or says why nothing more is written; the file is empty then, and goes when it is closed.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
@@ -67,21 +69,30 @@ class Journal:
         """A new journal in place of whatever is at `path`; `head` is JSON-able. Raises OSError when it cannot be made."""
         path.parent.mkdir(parents=True, exist_ok=True)
         fresh = path.with_name(path.name + ".new")
-        descriptor = os.open(fresh, _APPENDING | os.O_CREAT | os.O_TRUNC, 0o644)
         try:
-            _write_all(descriptor, _line({"kind": "head", "format": FORMAT, "began_s": int(time.time()), **head}))
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)  # Windows renames no open file
-        fresh.replace(path)
+            descriptor = os.open(fresh, _APPENDING | os.O_CREAT | os.O_TRUNC, 0o644)
+            try:
+                _write_all(descriptor, _line({"kind": "head", "format": FORMAT, "began_s": int(time.time()), **head}))
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)  # Windows renames no open file
+            fresh.replace(path)
+        except OSError:
+            with suppress(OSError):
+                fresh.unlink()
+            raise
         return cls(path, os.open(path, _APPENDING))
 
     @classmethod
     def reopen(cls, path: Path) -> Journal:
-        """Goes on with an existing journal, after a resume. Raises OSError."""
-        journal = cls(path, os.open(path, _APPENDING))
-        journal._append(b"\n")  # whatever line was being written when it broke off ends here
-        return journal
+        """Goes on with an existing journal, after a resume. Raises OSError when it cannot be written; it is as it was then."""
+        descriptor = os.open(path, _APPENDING)
+        try:
+            _write_all(descriptor, b"\n")  # whatever line was being written when it broke off ends here
+        except OSError:
+            os.close(descriptor)
+            raise
+        return cls(path, descriptor)
 
     def __enter__(self) -> Journal:
         return self
@@ -141,6 +152,8 @@ class Journal:
             os.close(self._descriptor)
         except OSError as error:
             self._give_up(error)
+        if self.trouble is not None and not discard(self.path):
+            self.trouble += "; it is out of date and cannot be taken away, so that `plotter resume` would draw lines twice"
 
     # writing
 
@@ -157,9 +170,9 @@ class Journal:
             self._give_up(error)
 
     def _give_up(self, error: OSError) -> None:
-        self.trouble = (
-            f"the journal {self.path} cannot be written ({error.strerror}): this plot could not be resumed after a crash"
-        )
+        self.trouble = f"the journal {self.path} cannot be written ({error.strerror}): this plot can no longer be resumed"
+        with suppress(OSError):
+            os.ftruncate(self._descriptor, 0)
 
     def _sync_loop(self) -> None:
         closing = False
@@ -174,6 +187,15 @@ class Journal:
                     os.fsync(self._descriptor)
                 except OSError as error:
                     self._give_up(error)
+
+
+def discard(path: Path) -> bool:
+    """Takes the journal at `path` away, or what it says, as far as that can be done; whether nothing of it is left."""
+    with suppress(OSError):
+        path.unlink()
+    with suppress(OSError):
+        os.truncate(path, 0)  # in a folder whose names cannot be changed
+    return load(path) is None
 
 
 def _line(record: Mapping[str, Any]) -> bytes:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
-from output.ebb.journal import Journal
 from output.ebb.ports import choose_port
 from output.ebb.session import connect
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
@@ -21,6 +18,7 @@ from plotter.board_setup import HOME_MM, board_setup
 from plotter.cli.awake import awake
 from plotter.cli.board import position_mm
 from plotter.cli.help import HeadedCommand
+from plotter.cli.journal import begun
 from plotter.cli.options import SIM, collect, settings_options
 from plotter.cli.outputs import spare
 from plotter.cli.parts import plot_in_parts
@@ -30,7 +28,7 @@ from plotter.cli.say import notes
 from plotter.cli.standard_streams import done, keyboard_after_a_drawing
 from plotter.cli.streaming import Ended, finish, patience_s, told_how_to_go_on
 from plotter.errors import BadInput
-from plotter.journals import Part, given_up, journal_path
+from plotter.journals import Part
 from plotter.journals import head as journal_head
 from plotter.pipeline import Job, prepare
 from plotter.preview.formats import picture_format
@@ -96,13 +94,8 @@ def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | Non
     """Plot on the board at `port`. `head` is the journal's; None keeps none, for a board that goes when the plot does."""
     attended = head is not None or sys.stdin.isatty()
     checksums, pen_pin = job.settings.checksums, job.settings.pen_lift().other_pin
-    with (
-        awake(),
-        connect(port, board_speed=board_speed, checksums=checksums, pen_pin=pen_pin) as board,
-        ExitStack() as context,
-    ):
+    with awake(), connect(port, board_speed=board_speed, checksums=checksums, pen_pin=pen_pin) as board:
         setup = board_setup(job.settings, job.machine, board.firmware)
-        journal = None if head is None else context.enter_context(_begun(head))
 
         def not_resumed() -> str:
             """What this is, where it cannot be resumed: what was read from standard input is gone, and so is what a full disk
@@ -113,7 +106,7 @@ def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | Non
                 return "a drawing from standard input"
             return "" if journal is not None and not journal.trouble else "a plot without a journal"
 
-        with told_how_to_go_on(lambda: not not_resumed()):
+        with told_how_to_go_on(lambda: not not_resumed()), begun(head) as journal:
             ended = plot_in_parts(board, job, setup, journal, _first_part(job), pauses=attended)
     where = f"{job.name} on {board.port_name}, firmware {board.firmware}"
     finish(ended, where, not_resumed=not_resumed(), board_stays=head is not None)
@@ -129,24 +122,6 @@ def _first_part(job: Job) -> Part | None:
         return None
     here = (float(job.start_mm[0]), float(job.start_mm[1]))
     return Part(0, 0.0, here, here, False)
-
-
-@contextmanager
-def _begun(head: dict[str, Any]) -> Iterator[Journal | None]:
-    """The plot's journal; without a place for one the plot goes on, and cannot be resumed."""
-    notes([sentence for sentence in [given_up()] if sentence])
-    try:
-        journal = Journal.begin(journal_path(), head)
-    except OSError as error:
-        notes(
-            [f"no journal can be written at {journal_path()} ({error.strerror}): this plot cannot be resumed if it is cut off"]
-        )
-        yield None
-        return
-    with journal:
-        yield journal
-    if journal.trouble:
-        notes([journal.trouble])
 
 
 def _summary(job: Job, ended: Ended) -> str:

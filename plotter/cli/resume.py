@@ -16,7 +16,7 @@ from output.ebb.abilities import Abilities
 from output.ebb.commands import Command
 from output.ebb.encode import BoardSetup
 from output.ebb.firmware import firmware
-from output.ebb.journal import Journal, PlotState
+from output.ebb.journal import PlotState
 from output.ebb.ports import choose_port, find_ports, wait_for_board
 from output.ebb.program import Mark
 from output.ebb.resume import Place, find_place, position_lost, ran_out
@@ -24,11 +24,12 @@ from output.ebb.session import Board, connect
 from output.errors import BoardRefused, LinkLost
 from plotter.board_setup import board_setup
 from plotter.cli.awake import awake
+from plotter.cli.journal import gone_on_with
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.say import meanwhile
 from plotter.cli.standard_streams import done
 from plotter.cli.streaming import FROM_HOME, finish, told_how_to_go_on
-from plotter.journals import Part, interrupted_plot, journal_path, made_again, part_after, part_program, settings_of
+from plotter.journals import Part, interrupted_plot, made_again, part_after, part_program, settings_of
 from plotter.pipeline import Job
 from plotter.units import spoken_duration
 
@@ -64,15 +65,15 @@ def resume(port: str | None, homed: bool) -> None:
         job = again()
         setup = board_setup(job.settings, job.machine, board.firmware)
         if lost:
-            with Journal.reopen(journal_path()) as journal:
+            with gone_on_with() as journal:
                 journal.end("done", None)
             done(f"resumed {job.name}: all of it had been drawn; the pen is up")
             return
         place = _place(job, setup, state, board, homed)
         part = part_after(setup, Part.of(state.part), place, homed)
-        with told_how_to_go_on(lambda: not journal.trouble), Journal.reopen(journal_path()) as journal:
+        with told_how_to_go_on(lambda: not journal.trouble), gone_on_with() as journal:
             ended = plot_in_parts(board, job, setup, journal, part)
-    finish(ended, f"{job.name} on {board.port_name}")
+    finish(ended, f"{job.name} on {board.port_name}", resumable=not journal.trouble)
     took = spoken_duration(ended.took_s)
     where = f"at stroke {part.stroke + 1} of {job.stroke_count}" if part.stroke < job.stroke_count else "after its last stroke"
     done(f"resumed {job.name} {where} and finished it in {took}")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import signal
 import subprocess
 import sys
+import time
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -69,6 +71,83 @@ def rewritten(journal: bytes, change: Callable[[dict[str, Any]], None]) -> bytes
     change(head)
     body = json.dumps(head).encode()
     return b"%08x %08x %s\n" % (len(body), zlib.crc32(body), body) + journal[head_bytes(journal) :]
+
+
+def test_a_drawn_plot_whose_journal_found_no_room_is_not_drawn_again(
+    drawing: Path, other: Path, fast: VirtualBoard, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = interrupted(other, fast)
+    process = plotting(drawing, fast, preexec_fn=room(head_bytes(before) + SOME_ROOM))
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    assert b"cannot be written (File too large)" in errors
+    assert run(["resume", "--homed", "--port", fast.port]) == 2
+    assert "no interrupted plot" in capsys.readouterr().err
+
+
+def test_a_plot_without_a_journal_takes_the_place_of_the_one_before(
+    drawing: Path, other: Path, fast: VirtualBoard, capsys: pytest.CaptureFixture[str]
+) -> None:
+    interrupted(drawing, fast)
+    process = plotting(other, fast, preexec_fn=room(100))
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    notes = [line for line in errors.decode().splitlines() if line.startswith("note: ")]
+    assert len(notes) == 1, notes
+    assert "no journal can be written at" in notes[0]
+    assert f"the plot of {drawing}, begun 20" in notes[0]
+    assert "can no longer be resumed either" in notes[0]
+    assert not list(journal_path().parent.glob("*.new"))
+    assert run(["resume", "--homed", "--port", fast.port]) == 2
+    assert "no interrupted plot" in capsys.readouterr().err
+
+
+def test_a_resume_whose_journal_runs_out_of_room_promises_nothing(drawing: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with start_virtual_board() as board:
+        assert plot_and_kill(drawing, board, 1.0, signal.SIGKILL) == -signal.SIGKILL
+        time.sleep(1.5)
+        process = resuming(board, journal_path().stat().st_size + SOME_ROOM)
+        wait_for_motion(board, board.state()["position"])
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+        assert process.returncode == 130, errors
+        assert "note: the journal" in errors
+        assert "plotter resume" not in errors
+        assert run(["resume", "--port", board.port]) == 2
+        assert "no interrupted plot" in capsys.readouterr().err
+
+
+def test_a_resume_that_finds_no_room_at_all_leaves_everything_as_it_is(drawing: Path) -> None:
+    with start_virtual_board() as board:
+        assert plot_and_kill(drawing, board, 1.0, signal.SIGKILL) == -signal.SIGKILL
+        time.sleep(1.5)
+        before, moves = journal_path().read_bytes(), board.record()["stepper_moves"]
+        process = resuming(board, len(before))
+        _, errors = process.communicate(timeout=30)
+        assert process.returncode == 2, errors
+        assert "cannot be written (File too large)" in errors
+        assert "then `plotter resume`" in errors
+        assert (journal_path().read_bytes(), board.record()["stepper_moves"]) == (before, moves)
+
+
+def test_a_journal_that_cannot_be_opened_for_writing_is_a_sentence(
+    drawing: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    open_file = os.open
+
+    def refused(path: Any, flags: int, *mode: int, **folder: Any) -> int:
+        if path == journal_path() and flags & os.O_APPEND:
+            raise PermissionError(1, "Operation not permitted", str(path))
+        return open_file(path, flags, *mode, **folder)
+
+    with start_virtual_board() as board:
+        assert plot_and_kill(drawing, board, 1.0, signal.SIGKILL) == -signal.SIGKILL
+        monkeypatch.setattr("output.ebb.journal.os.open", refused)
+        assert run(["resume", "--port", board.port]) == 2
+        said = capsys.readouterr().err
+        assert f"the journal {journal_path()} cannot be written (Operation not permitted)" in said
+        assert "Traceback" not in said
 
 
 def test_a_machine_that_is_not_as_it_was_is_named(

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from output.ebb.commands import EM, SC, SM, SP, Command
 from output.ebb.control import StopFlag
 from output.ebb.firmware import firmware
-from output.ebb.journal import Held, Journal, PlotState, differences, load
+from output.ebb.journal import Held, Journal, PlotState, differences, discard, load
 from output.ebb.program import Mark, StrokeEnd, StrokeMark
 from output.ebb.progress import Progress
 from output.ebb.resume import find_place, position_lost
@@ -167,11 +167,44 @@ def test_a_full_disk_ends_the_journal_and_not_the_plot(tmp_path: Path, monkeypat
 
     monkeypatch.setattr("output.ebb.journal.os.write", full)
     result = board.stream(program(), on_progress=lambda _: None, stop=StopFlag(), journal=journal)
+    assert load(tmp_path / "j") is None, "it is out of date from there on, however the plot ends"
     journal.close()
     assert result.outcome == "done"
     assert journal.trouble is not None
     assert "No space left" in journal.trouble
+    assert not (tmp_path / "j").exists()
+
+
+def test_a_journal_that_stays_without_room_warns_of_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that has become read-only takes nothing away either."""
+
+    def read_only(*_: object) -> NoReturn:
+        raise OSError(30, "Read-only file system")
+
+    with Journal.begin(tmp_path / "j", HEAD) as journal:
+        for place in ("output.ebb.journal.os.write", "output.ebb.journal.os.ftruncate", "output.ebb.journal.os.truncate"):
+            monkeypatch.setattr(place, read_only)
+        monkeypatch.setattr(Path, "unlink", read_only)
+        journal.part({})
     assert load(tmp_path / "j") is not None
+    assert "`plotter resume` would draw lines twice" in str(journal.trouble)
+
+
+def test_nothing_is_left_of_a_journal_that_cannot_be_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The one before it is still there, for whoever asked for a new one to say what becomes of it."""
+    write(tmp_path / "j")
+    before = (tmp_path / "j").read_bytes()
+
+    def full(*_: object) -> NoReturn:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="No space left"):
+        patch.setattr("output.ebb.journal.os.write", full)
+        Journal.begin(tmp_path / "j", HEAD)
+    assert [file.name for file in tmp_path.iterdir()] == ["j"]
+    assert (tmp_path / "j").read_bytes() == before
+    assert discard(tmp_path / "j")
+    assert not list(tmp_path.iterdir())
 
 
 def test_it_reaches_the_disk_at_pen_up_and_within_a_second(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
