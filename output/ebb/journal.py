@@ -27,8 +27,8 @@ import os
 import threading
 import time
 import zlib
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -36,6 +36,11 @@ from typing import Any
 
 from output.ebb.program import StrokeEnd
 from output.ebb.progress import Progress
+
+try:
+    import fcntl
+except ImportError:  # Windows: nothing there is locked so that its holder's end frees it
+    fcntl = None  # type: ignore[assignment]
 
 SYNC_EVERY_S = 1.0
 # Windows would end lines with \r\n, of which no checksum knows.
@@ -187,6 +192,30 @@ class Journal:
                     os.fsync(self._descriptor)
                 except OSError as error:
                     self._give_up(error)
+
+
+@contextmanager
+def journal_lock(path: Path) -> Iterator[bool]:
+    """Whether the journal at `path` is this program's own while the context lasts; False when another one has it.
+
+    The lock is on a file beside it, since a new journal takes the place of the old file, and goes with its holder, however that
+    ends. Where there can be none (on Windows, in a folder that cannot be written), the journal counts as this program's own.
+    """
+    descriptor: int | None = None
+    ours = True
+    try:
+        if fcntl is not None:
+            descriptor = os.open(path.with_name(path.name + ".lock"), os.O_RDWR | os.O_CREAT, 0o644)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        ours = False
+    except OSError:
+        pass
+    try:
+        yield ours
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
 
 
 def discard(path: Path) -> bool:

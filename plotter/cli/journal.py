@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from output.ebb.journal import Journal, discard
+from output.ebb.journal import Journal, discard, journal_lock
+from output.errors import BoardRefused
 from plotter.cli.say import notes
 from plotter.errors import BadInput
 from plotter.journals import given_up, journal_path
@@ -17,22 +18,46 @@ from plotter.journals import given_up, journal_path
 def begun(head: Mapping[str, Any] | None) -> Iterator[Journal | None]:
     """The journal of a new plot; without a place for one the plot goes on, and cannot be resumed. Nor can the one before it.
 
-    With `head` None no journal is kept, and the one that is there stays.
+    With `head` None no journal is kept, and the one that is there stays. So it does when another plot is writing it.
     """
     if head is None:
         yield None
         return
-    path, before = journal_path(), given_up()
+    path = journal_path()
+    with suppress(OSError):  # as is said when it is begun
+        path.parent.mkdir(parents=True, exist_ok=True)
+    with journal_lock(path) as ours:
+        journal = _begun(path, head) if ours else None
+        if not ours:
+            notes(["another plot is running and keeps the journal: this one cannot be resumed"])
+        if journal is None:
+            yield None
+            return
+        with _told(journal):
+            yield journal
+
+
+def _begun(path: Path, head: Mapping[str, Any]) -> Journal | None:
+    before = given_up()
     try:
         journal = Journal.begin(path, head)
     except OSError as error:
         notes([_without(path, error, before)])
-        yield None
-        return
+        return None
     if before is not None:
         notes([f"{before}; this one takes its place, so that it can no longer be resumed"])
-    with _told(journal):
-        yield journal
+    return journal
+
+
+@contextmanager
+def nothing_else_running() -> Iterator[None]:
+    """For a resume. Raises BoardRefused while a plot is running, whose journal is not to be gone on with."""
+    with journal_lock(journal_path()) as ours:
+        if not ours:
+            raise BoardRefused(
+                "a plot is running and keeps the journal: wait until it has ended, or end it, then `plotter resume`"
+            )
+        yield
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from output.ebb.session import Board, connect
 from output.errors import BoardRefused, LinkLost
 from plotter.board_setup import board_setup
 from plotter.cli.awake import awake
-from plotter.cli.journal import gone_on_with
+from plotter.cli.journal import gone_on_with, nothing_else_running
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.say import meanwhile
 from plotter.cli.standard_streams import done
@@ -50,6 +50,11 @@ def resume(port: str | None, homed: bool) -> None:
     plotter resume
     plotter resume --homed          when the motors or the board were off in between
     """
+    with nothing_else_running():
+        _resume(port, homed)
+
+
+def _resume(port: str | None, homed: bool) -> None:
     state = interrupted_plot()
     settings = settings_of(state)
     device = _port(state, port)

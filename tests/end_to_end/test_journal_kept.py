@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from output.ebb.journal import journal_lock, load
 from output.ebb.virtual.process import VirtualBoard, start_virtual_board
 from plotter.cli.main import run
 from plotter.journals import journal_path
@@ -195,3 +196,24 @@ def test_a_journal_that_cannot_be_read_is_said_to_be_there(
         path.write_bytes(b"0000005b 1c29" if damage == "cut" else bytes(range(256)) * 9)
     assert run(["resume", "--port", str(drawing)]) == 2
     assert f"the journal {path} cannot be read" in capsys.readouterr().err
+
+
+def test_of_two_plots_at_once_the_first_keeps_the_journal(
+    drawing: Path, other: Path, fast: VirtualBoard, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with start_virtual_board() as board:
+        process = plotting(drawing, board)
+        wait_for_motion(board)
+        assert run(["plot", str(other), "--port", fast.port]) == 0
+        said = capsys.readouterr().err
+        assert "another plot is running and keeps the journal: this one cannot be resumed" in said
+        assert "interrupted" not in said
+        assert run(["resume", "--port", fast.port]) == 3
+        assert "a plot is running" in capsys.readouterr().err
+        state = load(journal_path())
+        assert state is not None
+        assert (state.head["file"], state.parts) == (str(drawing), 1)
+        process.kill()
+        process.communicate(timeout=30)
+    with journal_lock(journal_path()) as ours:
+        assert ours, "a killed plot's lock has gone with it"
