@@ -96,6 +96,7 @@ def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | Non
     checksums, pen_pin = job.settings.checksums, job.settings.pen_lift().other_pin
     with awake(), connect(port, board_speed=board_speed, checksums=checksums, pen_pin=pen_pin) as board:
         setup = board_setup(job.settings, job.machine, board.firmware)
+        board.watch_supply()  # before the journal of another plot is given up: a refused one has drawn nothing over it
 
         def not_resumed() -> str:
             """What this is, where it cannot be resumed: what was read from standard input is gone, and so is what a full disk

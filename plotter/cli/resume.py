@@ -67,6 +67,8 @@ def _resume(port: str | None, homed: bool) -> None:
         again = cache(partial(_job_again, state))
         if lost and not _all_drawn(again, state, board):
             raise BoardRefused(f"{lost}: {_HOME}")
+        if not lost:
+            board.watch_supply()
         job = again()
         setup = board_setup(job.settings, job.machine, board.firmware)
         if lost:

@@ -74,6 +74,29 @@ def rewritten(journal: bytes, change: Callable[[dict[str, Any]], None]) -> bytes
     return b"%08x %08x %s\n" % (len(body), zlib.crc32(body), body) + journal[head_bytes(journal) :]
 
 
+def test_a_plot_that_the_board_refuses_leaves_the_one_before(
+    drawing: Path, other: Path, fast: VirtualBoard, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its own drawing would be drawn over the interrupted one."""
+    before = interrupted(drawing, fast)
+    fast.control("power off")
+    assert run(["plot", str(other), "--port", fast.port]) == 3
+    said = capsys.readouterr().err
+    assert "the motors have no power" in said
+    assert "takes its place" not in said
+    assert journal_path().read_bytes() == before
+
+
+def test_a_resume_that_the_board_refuses_can_be_had_again(
+    drawing: Path, fast: VirtualBoard, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = interrupted(drawing, fast)
+    fast.control("power off")
+    assert run(["resume", "--homed", "--port", fast.port]) == 3
+    assert "the motors have no power" in capsys.readouterr().err
+    assert journal_path().read_bytes() == before
+
+
 def test_a_drawn_plot_whose_journal_found_no_room_is_not_drawn_again(
     drawing: Path, other: Path, fast: VirtualBoard, capsys: pytest.CaptureFixture[str]
 ) -> None:
