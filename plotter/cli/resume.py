@@ -96,7 +96,19 @@ def _port(state: PlotState, wanted: str | None) -> str:
     if wanted is None and isinstance(nickname, str) and nickname:
         with suppress(LinkLost):
             return wait_for_board(nickname, _BACK_TIMEOUT_S)
+    if wanted is None and not find_ports():
+        raise LinkLost(
+            f"no EiBotBoard is plugged in; the plot was on {_named(state)}: check the USB cable and that it carries data, then "
+            "`plotter resume`, with --port where no list has it"
+        )
     return choose_port(wanted)
+
+
+def _named(state: PlotState) -> str:
+    """The plot's board, as far as the journal knows it."""
+    nickname, port = state.part.get("nickname"), state.part.get("port")
+    board = f"the board {nickname!r}" if nickname else "a board without a nickname"
+    return f"{board} at {port}" if port else "a board that is not known"
 
 
 def _is_there_unlisted(port: str) -> bool:

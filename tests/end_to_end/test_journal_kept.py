@@ -240,3 +240,19 @@ def test_of_two_plots_at_once_the_first_keeps_the_journal(
         process.communicate(timeout=30)
     with journal_lock(journal_path()) as ours:
         assert ours, "a killed plot's lock has gone with it"
+
+
+def test_a_board_that_is_not_there_is_named(
+    drawing: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As with the cable out; a simulation would be no way to go on."""
+    with start_virtual_board(nickname="East", speed=20, patience_s=0.2) as board:
+        interrupted(drawing, board)
+        port = board.port
+    monkeypatch.setattr("plotter.cli.resume._BACK_TIMEOUT_S", 0.1)
+    monkeypatch.setattr("plotter.cli.resume.find_ports", list)
+    assert run(["resume"]) == 4
+    said = capsys.readouterr().err
+    assert "'East'" in said
+    assert port in said
+    assert "sim" not in said
