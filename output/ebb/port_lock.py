@@ -48,8 +48,9 @@ class PortLock:
                     f"{port} is in use by {holder or 'another program'}: wait until it has finished, or end it"
                 ) from error
             if self._is_current(descriptor):
-                os.ftruncate(descriptor, 0)
-                os.pwrite(descriptor, f"process {os.getpid()} ({' '.join(sys.argv)[:120]})\n".encode(), 0)
+                with contextlib.suppress(OSError):  # a full disk: the lock holds without saying who
+                    os.ftruncate(descriptor, 0)
+                    os.pwrite(descriptor, f"process {os.getpid()} ({' '.join(sys.argv)[:120]})\n".encode(), 0)
                 self._descriptor = descriptor
                 return
             os.close(descriptor)  # its holder removed it between our open and our lock: take the new one

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 import serial
@@ -214,6 +214,18 @@ def test_lock_files_do_not_stay(tmp_path: Path) -> None:
     lock.release()
     assert list(tmp_path.iterdir()) == []
     PortLock("/dev/x", tmp_path).release()
+
+
+def test_a_lock_that_finds_no_room_for_its_holders_name_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> NoReturn:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("output.ebb.port_lock.os.pwrite", full)
+    lock = PortLock("/dev/x", tmp_path)
+    with pytest.raises(BoardRefused, match="in use by another program"):
+        PortLock("/dev/x", tmp_path)
+    lock.release()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_pulled_cable_is_a_lost_link_for_every_verb() -> None:
