@@ -25,7 +25,7 @@ from planning.geometry.stroke import Layer
 from planning.motion.plan import Action, Draw, Lower
 from plotter.board_setup import HOME_MM
 from plotter.errors import BadInput
-from plotter.machines.profile import first_fault
+from plotter.machines.profile import Machine, first_fault, load_machine
 from plotter.pipeline import Job, planned, planned_from, prepare
 from plotter.settings import Settings
 from plotter.svg.options import Budgets, ReadOptions
@@ -42,7 +42,7 @@ def head(job: Job, file: str, reading: ReadOptions) -> dict[str, Any]:
         "file": str(Path(file).resolve()) if file != "-" else "-",
         "drawing": job.digest,
         "program_version": version("plotter"),
-        "machine": job.machine.model_dump(mode="json"),
+        "machine": _facts(job.machine),
         "strokes": job.drawing.stroke_count,
         "start_mm": job.start_mm.tolist(),
         "settings": job.settings.model_dump(),
@@ -97,13 +97,20 @@ def given_up() -> str | None:
 
 def made_again(state: PlotState) -> Job:
     """The job that the journal is of, from the same file and settings. Raises BadInput naming what is not as it was."""
-    options, file = _reading_of(state), str(state.head["file"])
+    options, settings, file = _reading_of(state), settings_of(state), str(state.head["file"])
+    # Before the drawing is read: it may no longer fit on what the machine is now.
+    for changed in differences({"machine": state.head.get("machine")}, {"machine": _facts(load_machine(settings.machine))}):
+        raise _not_resumable(state, changed)
     start_mm = np.array(state.head.get("start_mm", HOME_MM), dtype=np.float64)
-    job = prepare(file, options, settings_of(state), start_mm)
-    changed = differences(state.head, head(job, file, options))
-    if changed:
-        raise _not_resumable(state, changed[0])
+    job = prepare(file, options, settings, start_mm)
+    for changed in differences(state.head, head(job, file, options)):
+        raise _not_resumable(state, changed)
     return job
+
+
+def _facts(machine: Machine) -> dict[str, Any]:
+    """What a machine's own profile says; settings know its name only."""
+    return machine.model_dump(mode="json")
 
 
 def settings_of(state: PlotState) -> Settings:

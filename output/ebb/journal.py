@@ -175,7 +175,9 @@ class Journal:
             self._give_up(error)
 
     def _give_up(self, error: OSError) -> None:
-        self.trouble = f"the journal {self.path} cannot be written ({error.strerror}): this plot can no longer be resumed"
+        self.trouble = (
+            f"the journal {self.path} cannot be written ({error.strerror}): from there on this plot cannot be resumed"
+        )
         with suppress(OSError):
             os.ftruncate(self._descriptor, 0)
 

@@ -99,7 +99,7 @@ def _port(state: PlotState, wanted: str | None) -> str:
     if wanted is None and not find_ports():
         raise LinkLost(
             f"no EiBotBoard is plugged in; the plot was on {_named(state)}: check the USB cable and that it carries data, then "
-            "`plotter resume`, with --port where no list has it"
+            "`plotter resume` (--port names one that no list has)"
         )
     return choose_port(wanted)
 

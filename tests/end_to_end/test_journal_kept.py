@@ -174,10 +174,17 @@ def test_a_journal_that_cannot_be_opened_for_writing_is_a_sentence(
         assert "Traceback" not in said
 
 
+@pytest.mark.parametrize(
+    ("then", "now", "named"),
+    [
+        ("80.0", "100.0", "machine steps per mm was [[80.0, "),
+        ("width_mm = 300", "width_mm = 50", "machine width mm was 300.0, is 50.0"),
+    ],
+    ids=["another scale", "too small by now"],
+)
 def test_a_machine_that_is_not_as_it_was_is_named(
-    drawing: Path, tmp_path: Path, fast: VirtualBoard, capsys: pytest.CaptureFixture[str]
+    then: str, now: str, named: str, drawing: Path, tmp_path: Path, fast: VirtualBoard, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Another scale, on the same paper."""
     machine = tmp_path / "machine.toml"
     profile = (Path(__file__).parents[2] / "plotter/machines/axidraw-v3.toml").read_text()
     machine.write_text(profile)
@@ -185,10 +192,10 @@ def test_a_machine_that_is_not_as_it_was_is_named(
     wait_for_motion(fast)
     process.kill()
     process.communicate(timeout=30)
-    machine.write_text(profile.replace("80.0", "100.0"))
+    machine.write_text(profile.replace(then, now))
     assert machine.read_text() != profile
     assert run(["resume", "--homed", "--port", fast.port]) == 2
-    assert "machine steps per mm was [[80.0, " in capsys.readouterr().err
+    assert named in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("what", ["settings", "reading"])
