@@ -26,7 +26,7 @@ from plotter.cli.ranges import NumberRange
 from plotter.cli.reading import collect_reading, reading_options
 from plotter.cli.say import notes
 from plotter.cli.standard_streams import done, keyboard_after_a_drawing
-from plotter.cli.streaming import Ended, finish, patience_s, told_how_to_go_on
+from plotter.cli.streaming import WITHOUT_JOURNAL, Ended, finish, patience_s, told_how_to_go_on
 from plotter.errors import BadInput
 from plotter.journals import Part
 from plotter.journals import head as journal_head
@@ -105,7 +105,7 @@ def _plot_on(job: Job, port: str, board_speed: float, head: dict[str, Any] | Non
                 return "a plot on the built-in virtual board"
             if head["file"] == "-":
                 return "a drawing from standard input"
-            return "" if journal is not None and not journal.trouble else "a plot without a journal"
+            return "" if journal is not None and not journal.trouble else WITHOUT_JOURNAL
 
         with told_how_to_go_on(lambda: not not_resumed()), begun(head) as journal:
             ended = plot_in_parts(board, job, setup, journal, _first_part(job), pauses=attended)

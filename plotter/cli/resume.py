@@ -28,7 +28,7 @@ from plotter.cli.journal import gone_on_with, nothing_else_running
 from plotter.cli.parts import plot_in_parts
 from plotter.cli.say import meanwhile
 from plotter.cli.standard_streams import done
-from plotter.cli.streaming import FROM_HOME, finish, told_how_to_go_on
+from plotter.cli.streaming import FROM_HOME, WITHOUT_JOURNAL, finish, told_how_to_go_on
 from plotter.journals import Part, interrupted_plot, made_again, part_after, part_program, settings_of
 from plotter.pipeline import Job
 from plotter.units import spoken_duration
@@ -80,7 +80,7 @@ def _resume(port: str | None, homed: bool) -> None:
         part = part_after(setup, Part.of(state.part), place, homed)
         with told_how_to_go_on(lambda: not journal.trouble), gone_on_with() as journal:
             ended = plot_in_parts(board, job, setup, journal, part)
-    finish(ended, f"{job.name} on {board.port_name}", resumable=not journal.trouble)
+    finish(ended, f"{job.name} on {board.port_name}", not_resumed=WITHOUT_JOURNAL if journal.trouble else "")
     took = spoken_duration(ended.took_s)
     where = f"at stroke {part.stroke + 1} of {job.stroke_count}" if part.stroke < job.stroke_count else "after its last stroke"
     done(f"resumed {job.name} {where} and finished it in {took}")

@@ -26,6 +26,8 @@ from plotter.pipeline import Job, stroke_guess_s
 # How a plot goes on whose motors have let go, and what else comes after it.
 _PUSH_HOME = "push the carriage to its home corner"
 FROM_HOME = f"{_PUSH_HOME}, then `plotter resume --homed`"
+# What cannot be resumed for want of a journal.
+WITHOUT_JOURNAL = "a plot without a journal"
 
 
 def patience_s(speed: float) -> float:
