@@ -81,7 +81,7 @@ def told_how_to_go_on(resumable: Callable[[], bool]) -> Iterator[None]:
         raise
     except LinkLost as error:
         if resumable():
-            error.args = (f"{error}; once the board can be reached again, `plotter resume` goes on",)
+            error.args = (f"{error}; once the board can be reached again, `plotter resume` goes on, or asks for home",)
         raise
 
 

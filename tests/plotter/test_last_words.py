@@ -75,7 +75,7 @@ def test_a_link_that_is_lost_in_a_pause_has_left_the_pen_up(tmp_path: Path, monk
 
 
 def test_a_link_that_is_lost_in_a_stroke_may_have_left_it_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(LinkLost, match=r"may be down: lift it by hand; .* `plotter resume` goes on$"):
+    with pytest.raises(LinkLost, match=r"may be down: lift it by hand; .* `plotter resume` goes on, or asks for home$"):
         plotted(tmp_path, monkeypatch, pull_at(3.0))
     with pytest.raises(LinkLost, match=r"lift it by hand$"):
         plotted(tmp_path, monkeypatch, pull_at(3.0), resumable=False)
