@@ -183,16 +183,16 @@ def _rest(job: Job, part: Part) -> Iterator[Action]:
 
 def part_after(setup: BoardSetup, before: Part | None, place: Place, homed: bool = False, *, pause_over: bool = False) -> Part:
     """What is left to draw when part `before` has come as far as `place`, and the pen is there, or at home when `homed`."""
-    first = before is not None and before.stroke == place.next_stroke
-    pause_over = pause_over or (first and before is not None and before.pause_over)
+    same = before if before is not None and before.stroke == place.next_stroke else None
+    pause_over = pause_over or (same is not None and same.pause_over)
     scale = float(np.sqrt(abs(np.linalg.det(setup.kinematics.steps_per_mm))))
     drawn_mm = place.drawn_steps / scale if place.stroke is not None else 0.0
     left_mm = position_mm(setup, place.steps)
     start_mm = (0.0, 0.0) if homed else left_mm
-    if before is not None and first and before.drawn_mm:
+    if same is not None and same.drawn_mm:
         if not drawn_mm:
-            return replace(before, start_mm=start_mm, homed=homed)
-        drawn_mm += max(before.drawn_mm - OVERLAP_MM, 0.0)
+            return replace(same, start_mm=start_mm, homed=homed)
+        drawn_mm += max(same.drawn_mm - OVERLAP_MM, 0.0)
     return Part(place.next_stroke, drawn_mm, left_mm, start_mm, homed, pause_over)
 
 

@@ -35,6 +35,8 @@ from output.wording import counted
 # CU,4 answers only when nothing moves any more: at once after a stop, later after another program's move.
 _IDLE_TIMEOUT_S = 30.0
 _ASK_EVERY_S = 0.02
+# Longer than what a queue holds: a board whose program was killed goes on with that.
+_STILL_TIMEOUT_S = 10.0
 _LONGEST_QUEUE = 255
 # The supply's divider and the 10-bit converter (the unit of CU,60).
 _SUPPLY_V_PER_COUNT = 0.0295
@@ -163,7 +165,7 @@ class Board:
         one, two = self.query("QS").split(",")
         return int(one), int(two)
 
-    def wait_until_still(self, timeout_s: float) -> None:
+    def wait_until_still(self, timeout_s: float = _STILL_TIMEOUT_S) -> None:
         """Returns when nothing executes or waits any more. Raises BoardRefused after `timeout_s`."""
         end_s = self._talk.waited_s + timeout_s
         while self.is_moving():

@@ -28,7 +28,6 @@ from plotter.units import length_mm
 
 _Wrapped = TypeVar("_Wrapped", bound=Callable[..., Any])
 _PEN_TIMEOUT_S = 70.0
-_STILL_TIMEOUT_S = 10.0
 
 port_option = click.option(
     "--port", help="The board: its port or its nickname; `sim` is a fresh virtual one. Default: the only one there is."
@@ -264,7 +263,7 @@ def position_mm(one: Board, settings: Settings) -> np.ndarray:
     Raises PositionLost when the motors were let go, or their supply has failed, away from home: the count says nothing then;
     BoardRefused when it goes on moving for long.
     """
-    one.wait_until_still(_STILL_TIMEOUT_S)
+    one.wait_until_still()
     steps = one.steps()
     if steps != (0, 0):
         off = "the motors were switched off" if one.motors_off() else "the motors' power failed" if one.supply_failed() else ""

@@ -19,7 +19,7 @@ from typing import Any
 
 from output.ebb.control import StopFlag, suspend_process
 from plotter.cli.say import ways_on
-from plotter.cli.standard_streams import in_front, in_time
+from plotter.cli.standard_streams import aside, in_front
 
 try:
     import termios
@@ -122,8 +122,8 @@ def _still(stop: StopFlag) -> str:
 
 
 def _say(sentence: str) -> None:
-    with contextlib.suppress(OSError, ValueError):  # a closed terminal, or stream
-        in_time(lambda: print(sentence, file=sys.stderr, flush=True))
+    with contextlib.suppress(ValueError):  # a closed stream
+        aside(sentence)
 
 
 def _listen(terminal: _Terminal, end: int, stop: StopFlag) -> None:

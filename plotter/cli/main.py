@@ -140,8 +140,7 @@ def _internal() -> int:
 
 
 def _say(message: str) -> None:
-    with suppress(OSError):  # a closed terminal does not change how it ended
-        standard_streams.in_time(lambda: click.echo(f"plotter: {message}", err=True))
+    standard_streams.aside(f"plotter: {message}")
 
 
 def _usage_hint(error: click.ClickException) -> str:

@@ -33,7 +33,6 @@ from plotter.journals import Part, interrupted_plot, made_again, part_after, par
 from plotter.pipeline import Job
 from plotter.units import spoken_duration
 
-_STILL_TIMEOUT_S = 10.0
 _BACK_TIMEOUT_S = 5.0
 _HOME = f"run `plotter align`, {FROM_HOME}"
 # Terminals that Unix numbers: the next one that is opened, anybody's, gets the number of one that has gone.
@@ -60,7 +59,7 @@ def _resume(port: str | None, homed: bool) -> None:
     device = _port(state, port)
     checksums, pen_pin = settings.checksums, settings.pen_lift().other_pin
     with awake(), connect(device, clear=False, checksums=checksums, pen_pin=pen_pin) as board:
-        board.wait_until_still(_STILL_TIMEOUT_S)
+        board.wait_until_still()
         board.clear()
         # To read, order and plan a large drawing again takes half a minute: what the board alone can tell comes first.
         lost = None if homed else position_lost(board, state)

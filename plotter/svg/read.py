@@ -70,7 +70,7 @@ def _drawing(walk: Walk, layering: Layering, options: ReadOptions, notes: Notes)
     made = walk.collector.finish()
     assembly = Assembly(options, notes, (walk.width_mm, walk.height_mm), walk.collector.shapes)
     strokes = assembly.strokes(made, len(layering.layers))
-    found = [(layer, drawn) for layer, drawn in zip(layering.layers, strokes, strict=True)]
+    found = list(zip(layering.layers, strokes, strict=True))
     pausing = pauses((layer, len(drawn)) for layer, drawn in found)
     layers = tuple(
         _layer(number, layer, drawn, pause)
